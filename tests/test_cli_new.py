@@ -159,6 +159,33 @@ def test_a_wrong_sign_and_a_misplaced_point_are_named(folder: Path, wrong: str, 
     assert ("5.1 would" in said, bool(place) and place in said) == (bool(place), bool(place))
 
 
+def test_a_mistyped_heading_and_a_copied_name_are_told(folder: Path) -> None:
+    springs(folder, "stiffness")
+    rows = (folder / "springs.csv").read_text().replace("force", "forse").splitlines()
+    named = ["part", *(f"S{k}" for k in range(1, 21))]
+    named[5] = "S4"
+    lines = [f"{name},{row}" for name, row in zip(named, rows, strict=True)]
+    (folder / "springs.csv").write_text("\n".join([*lines, ""]))
+    asked = ("new", "springs.csv", "--function", "model.py:spring", "--id", "part")
+    told = done(*asked, "--outcome", "travel").output.splitlines()
+    assert "'forse' is not used" in told[0]
+    (folder / "springs.csv").write_text("\n".join([*lines, ""]).replace("forse", "force"))
+    told = done(*asked, "--parameter", "stiffness=1:4", "--noise", "3%", "--force").output
+    assert "S4 has 2 rows (line 5, line 6)" in told
+    text = Path("study.toml").read_text()
+    assert "S4 has 2 rows" in done("check", "study.toml", "--no-figures").output
+
+    # The other law beside the box is ready to be used.
+    taken = [one for one in text.splitlines() if not one.startswith(("law = ", "box = "))]
+    other = [one.removeprefix("# ") if one.startswith(("# law = ", "# mean = {")) else one
+             for one in taken]  # fmt: skip
+    Path("study.toml").write_text("\n".join(other))
+    (law,) = load_study("study.toml").inputs.hyperparameters[:1]
+    assert (law.name, law.lower, law.upper) == ("stiffness.mean", 1.0, 4.0)
+    Path("study.toml").write_text(text.replace("relative = 0.03", 'relative = "3%"'))
+    assert "relative = 0.03" in refused("check", "study.toml")
+
+
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
 def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:
@@ -218,7 +245,13 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
-    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3", "-1", "0.3"]
+    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "", "stiffness=1.5-3",
+               "stiffness=1.5:3", "-1", "0.3"]  # fmt: skip
+    ended = run("new", typed="\n".join([*answers[:5], ""]))
+    assert ended.exit_code == 2  # The input ended: nobody pressed Ctrl-C.
+    assert "--parameter" not in ended.output
+    assert "write stiffness=1.5:3 for limits" in ended.output
+    assert ended.output.count("LOW and HIGH") == 1
     assert run("new", typed="\n".join([*answers, ""])).exit_code == 0
     study = load_study("study.toml")
     assert study.inputs.box.tolist() == [[1.5, 3.0]]
@@ -470,7 +503,7 @@ def test_what_a_law_may_follow_is_proposed_and_holds() -> None:
     assert "outcome: wear" in shown  # the other numbers are one for each part
     text = Path("study.toml").read_text()
     assert 'mean = "1 + C(maker) + center(warm)"' in text
-    Path("study.toml").write_text(text.replace("# mean =", "mean ="))
+    Path("study.toml").write_text(text.replace('# mean = "', 'mean = "'))
     found = identified()
     assert found["rate.mean[maker=B]"] == pytest.approx(0.5, abs=0.2)
 

@@ -214,6 +214,12 @@ def test_next_prints_tables_and_writes_files() -> None:
     quiet = done(*asked, *given, "--event", "length > 6", "--no-noise")
     assert quiet.stdout.count("\n") == 1
     assert "4 experiments" in quiet.stdout
+    # Without names the candidates are numbered.
+    pd.read_csv("springs.csv").to_csv("springs.csv", index_label="rod")
+    Path("study.toml").write_text(NEXT.replace("[experiments]", '[experiments]\nid = "rod"'))
+    Path("new.csv").write_text("load\n0.5\n1\n6\n")
+    done(*asked, "--count", 2, "--output", "out")
+    assert [row["id"] for row in read("out/next.json")["chosen"]] == ["3", "2"]
 
 
 @pytest.mark.usefixtures("to_measure", "unreported", "unjudged_commands")
@@ -459,7 +465,7 @@ def test_what_is_beyond_the_tested_conditions_is_told() -> None:
 def test_limits_and_design_values() -> None:
     mean = 2.0 * estimate("softness.mean")
     sd = np.hypot(2.0 * estimate("softness.sd"), 0.05)
-    row = predicted("--tolerance", 0.95, 0.95)
+    row = predicted("--tolerance", "95%", 0.95)
     for end, side in (("lower", -1.0), ("upper", 1.0)):
         assert 2.1 < side * (row[end] - mean) / sd < 2.8
     for side, z in (("upper", 3.09), ("lower", -3.09)):

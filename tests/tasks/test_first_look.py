@@ -59,6 +59,13 @@ def test_what_noise_explains_is_not_out_of_reach() -> None:
         assert beyond(Noise(sd)) == beyond(Noise(Free(sd / 4.0, 4.0 * sd))) == expected
     assert beyond(Noise(relative=0.04)) == set()
 
+    # A share of the outcome is small where the outcome is: a wrong sign is none of it.
+    wrong = Experiments.from_frame(TABLE.assign(travel=[-4.9, *TRAVEL[1:]]), outcome="travel")
+    look = first_look(runner, wrong, plan, Noise(relative=0.04))
+    assert [look.ids[k] for k in look.out_of_reach] == ["A"]
+    assert look.margin[0] == pytest.approx(3.0 * 0.04 * 10.0 / 6.0)
+    assert not first_look(runner, wrong, plan, Noise(relative=3.0)).out_of_reach.size
+
 
 def test_a_law_with_a_known_mean_is_looked_at_as_far_as_its_sd_may_reach() -> None:
     """An sd of 0.1 at most: 3.1 of it are 0.31, on either side of the known mean."""

@@ -22,6 +22,7 @@ from aleator.cli.running import (
     output_option,
     require_at_most_one,
     running,
+    tell_odd_repeats,
     whole_number,
 )
 from aleator.errors import AleatorError, short
@@ -108,6 +109,7 @@ def check(
         value.experiments, value.inputs, value.noise, value.propagation, value.density,
         restricted=value.restricted, small_sample=value.small_sample,
     ).require_enough()  # fmt: skip
+    tell_odd_repeats(value, options)
     with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(

@@ -28,6 +28,7 @@ from aleator.cli.running import (
     require_report,
     running,
     say,
+    tell_odd_repeats,
 )
 from aleator.errors import AleatorError, short
 from aleator.results import documents
@@ -206,6 +207,7 @@ def identify(
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     make_place(folder / IDENTIFICATION, study_file)
+    tell_odd_repeats(value, options)
     for line in () if options.quiet else value.simulator_notes():
         say(f"{value.simulator.name}, {line}")
     with (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
+from aleator.core.arithmetic import share_of
 from aleator.errors import AleatorError, SimulatorError, disordered, nearest, short
 from aleator.results import documents
 from aleator.study.nonmem import has_records, subject_table
@@ -32,6 +34,7 @@ from aleator.study.proposal import (
     Limits,
     Proposal,
     laws_for,
+    misspelt,
     nominal_limits,
     outcome_of,
     parameters_of,
@@ -54,6 +57,8 @@ from aleator.study.roles import (
 from aleator.study.schema import study_schema
 from aleator.views.terminal import TerminalTable
 
+STOP = "stop with Ctrl-C"
+
 
 def at_terminal() -> bool:
     """Whether the standard input is a terminal, at which a user can answer questions."""
@@ -72,11 +77,21 @@ class Questions:
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
         """The user's answer as text; raises `missing` without a default and a user to ask."""
-        if self.interactive:
-            return str(click.prompt(question, default=default, err=True)).strip()
-        if default is None:
-            raise missing
-        return default
+        if not self.interactive:
+            if default is None:
+                raise missing
+            return default
+
+        def given(answer: str) -> str:
+            if not answer.strip():
+                raise click.BadParameter(f"{missing.problem}; write it here, or {STOP}")
+            return answer.strip()
+
+        shown = default is not None
+        answer = click.prompt(
+            question, default=default or "", show_default=shown, value_proc=given, err=True
+        )
+        return str(answer)
 
     def one_of(
         self, question: str, names: Sequence[str], default: str | None, missing: AleatorError
@@ -84,8 +99,11 @@ class Questions:
         """The user's choice of one of the `names`; the question repeats until it is one of them."""
         if not self.interactive:
             return self.text(question, default, missing)
-        choice = click.Choice([*names])
-        return str(click.prompt(question, default=default, type=choice, err=True))
+        answer = click.prompt(
+            question, default=default or "", show_default=default is not None,
+            type=click.Choice([*names]), err=True,
+        )  # fmt: skip
+        return str(answer)
 
     def agreed(self, question: str) -> bool:
         """Whether the user answers yes; False if there is no user to ask."""
@@ -221,7 +239,10 @@ def chosen_parameters(
         return {called.get(name, name): value for name, value in map(_parameter, words)}
 
     if option or not questions.interactive:
-        return read(option)
+        try:
+            return read(option)
+        except AleatorError as error:
+            raise AleatorError(f"--parameter {error.problem}", error.remedy) from None
     laws, others = parameters_of(offer, roles, most, conditions, {})
     known = {each.name: each for each in (*(law.input for law in laws), *others)}
     table = TerminalTable(
@@ -231,6 +252,8 @@ def chosen_parameters(
     Console(stderr=True).print(table)
 
     def typed(answer: str) -> dict[str, Limits | float | None]:
+        if not answer.strip():
+            raise click.BadParameter(f"write {shown} with numbers for LOW and HIGH, or {STOP}")
         try:
             found = read(answer.replace(",", " ").split())
             parameters_of(offer, roles, most, conditions, found)
@@ -243,10 +266,16 @@ def chosen_parameters(
         f"{name}={f'{ends[0]:g}:{ends[1]:g}' if ends else 'LOW:HIGH'}"
         for name, ends in limits.items()
     )
+    click.echo("Limits of parameters: as wide as physics allows, not where you expect them, for "
+               "the law is cut there.", err=True)  # fmt: skip
     question = "Parameters that differ between experiments, with limits"
-    if all(limits.values()):
-        return dict(click.prompt(question, default=shown, value_proc=typed, err=True))
-    return dict(click.prompt(f"{question}: {shown}", value_proc=typed, err=True))
+    known_ends = all(limits.values())
+    return dict(
+        click.prompt(
+            question if known_ends else f"{question}: {shown}", default=shown if known_ends else "",
+            show_default=known_ends, value_proc=typed, err=True,
+        )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -263,14 +292,10 @@ class KnownError:
         >>> KnownError.of("0.3"), KnownError.of("1 %")
         (KnownError(sd=0.3, relative=False), KnownError(sd=0.01, relative=True))
         """
-        number, share = text.strip().removesuffix("%"), text.strip().endswith("%")
-        try:
-            sd = float(number) / (100.0 if share else 1.0)
-        except ValueError:
-            sd = 0.0
-        if not 0.0 < sd < math.inf:
+        sd = share_of(text)
+        if sd is None or not 0.0 < sd < math.inf:
             raise click.BadParameter(f"'{text}': write a number above zero, or a share such as 1%")
-        return cls(sd, share)
+        return cls(sd, text.strip().endswith("%"))
 
 
 def _known_error(_: object, __: object, text: str | None) -> KnownError | None:
@@ -309,13 +334,13 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
     if len(numbers) == 2 and numbers[0] > numbers[1]:
         low, high = value.split(":")
         problem, _ = disordered(*numbers)
-        raise AleatorError(
-            f"--parameter {text}: {problem}", f"write --parameter {name}={high}:{low}"
-        )
+        raise AleatorError(f"{text}: {problem}", f"write {name}={high}:{low}")
     if len(numbers) > 2 or (len(numbers) == 2 and not numbers[0] < numbers[1]):
+        ends = re.fullmatch(r"([\d.]+)\D+([\d.]+)", value)
+        low, high = ends.groups() if ends else ("LOW", "HIGH")
         raise AleatorError(
-            f"--parameter {text}: '{value}' is neither a number nor limits",
-            f"write --parameter {name}=1.0:3.0, or {name}=2.0 for a constant",
+            f"{text}: '{value}' is neither a number nor limits",
+            f"write {name}={low}:{high} for limits, {name}=NUMBER for a constant",
         )
     if len(numbers) == 2:
         return name.strip(), (numbers[0], numbers[1])
@@ -540,6 +565,8 @@ def new(
                    "known, write it, such as <0.5")  # fmt: skip
         click.echo(f"Written: {short(path)}")
     named = chosen_id(questions, sheet, roles, id)
+    for line in misspelt(sheet, offer, roles, (*outcomes, named)):
+        click.echo(f"  {line}")
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
     each = conditions_each(sheet.table, roles.conditions, named) * len(outcomes)
     laws = chosen_parameters(questions, offer, roles, most, each, parameters)

@@ -28,6 +28,7 @@ from aleator.cli.running import (
     show_answer,
     units_in,
 )
+from aleator.core.arithmetic import share_of
 from aleator.errors import AleatorError, short
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import noise_columns
@@ -152,6 +153,16 @@ class PredictionRequest:
         return predictions.limits(columns, f"{words}, with confidence {limits.confidence:g}")
 
 
+def _shares(_: object, __: object, given: tuple[str, str] | None) -> tuple[float, float] | None:
+    """The two shares of an option, each written as 0.95 or 95%."""
+    if given is None:
+        return None
+    content, confidence = map(share_of, given)
+    if content is None or confidence is None:
+        raise click.BadParameter(f"'{' '.join(given)}': write two shares, as 0.95 0.9 or 95% 90%")
+    return content, confidence
+
+
 def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     """A decorator for a command: adds options that reach it as one PredictionRequest, `request`."""
 
@@ -163,7 +174,7 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     )
     @click.option(
         "--tolerance",
-        type=float,
+        callback=_shares,
         nargs=2,
         metavar="P C",
         help="Two limits that hold the share P of the outcomes with confidence C (0.95 0.95).",

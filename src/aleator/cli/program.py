@@ -110,7 +110,12 @@ def misuse_as_message(ctx: click.Context) -> Iterator[None]:
     except MemoryError:
         click.echo(f"aleator: error: {NO_MEMORY}", err=True)
         ctx.exit(2)
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, click.Abort) as error:
+        if isinstance(error.__context__, EOFError):  # A question met the end of the input.
+            click.echo("aleator: error: the input ended before all questions were answered: "
+                       "answer them, or give options (--yes takes what is proposed)",
+                       err=True)  # fmt: skip
+            ctx.exit(2)
         told, code = ending(heard[-1] if heard else signal.SIGINT)
         click.echo(told, err=True)
         ctx.exit(code)

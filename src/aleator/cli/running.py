@@ -22,6 +22,7 @@ from aleator.core.progress import Progress, Silent
 from aleator.errors import AleatorError, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
+from aleator.observations.gross_errors import odd_repeats
 from aleator.results import documents
 from aleator.results.printed import Content, number
 from aleator.results.schema import IDENTIFICATION, answer_file, read_answer
@@ -322,6 +323,13 @@ def expected_runs(
         f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
         "the identification and none is stored"
     )
+
+
+def tell_odd_repeats(study: Study, options: RunOptions) -> None:
+    """Print a note on each experiment with another number of rows than all the others."""
+    table = study.experiments
+    for odd in odd_repeats([table.ids[k] for k in table.experiment.tolist()], table.places):
+        options.say(f"note: {odd}")
 
 
 def joined(study: Study, document: Mapping[str, Any], runner: Runners) -> Identification:

@@ -55,6 +55,19 @@ class NoArithmeticError(AleatorError):
         self.node = node
 
 
+def share_of(text: str) -> float | None:
+    """The number that a text states, or a hundredth of it before a sign %; None if it has none.
+
+    >>> share_of("0.95"), share_of("95 %"), share_of("3%"), share_of("much")
+    (0.95, 0.95, 0.03, None)
+    """
+    number = text.strip().removesuffix("%")
+    try:
+        return float(number) / (100.0 if number != text.strip() else 1.0)
+    except ValueError:
+        return None
+
+
 def in_short(text: str) -> str:
     """A text in quotes for a message, cut to at most 80 characters.
 

@@ -194,9 +194,12 @@ class Hyperparameter:
 def _with_limits(specification: Free) -> str:
     """The text, for a message, that shows how limits are written in Python and in a study.toml."""
     if not isinstance(specification, By):
-        return "Free(lower, upper) or {lower = ..., upper = ...}"
+        return "{lower = ..., upper = ...} in study.toml, Free(lower, upper) in Python"
     formula = specification.formula
-    return f'By("{formula}", lower, upper) or {{formula = "{formula}", lower = ..., upper = ...}}'
+    return (
+        f'{{formula = "{formula}", lower = ..., upper = ...}} in study.toml, '
+        f'By("{formula}", lower, upper) in Python'
+    )
 
 
 def resolve(
@@ -233,8 +236,8 @@ def resolve(
     if lower is None or upper is None or not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputsError(
             f"{name} is to be identified but has no finite lower and upper limit",
-            f"give {name} a lower and an upper limit, {_with_limits(specification)}; or give its "
-            "parameter a finite box",
+            f"give {name} a lower and an upper limit, {_with_limits(specification)}; a truncated "
+            "normal or a beta law takes them from a finite box",
         )
     problem, remedy = disordered(lower, upper)
     _require(lower < upper, f"{name}: {problem}", remedy)

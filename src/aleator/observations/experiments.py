@@ -280,6 +280,19 @@ class Conditions(_TableRows):
         Raises ExperimentsError in the cases of `Experiments.from_csv`.
         """
         table = tables.read(path, delimiter, decimal)
+        return cls.from_table(table, id, conditions, numbers, transform, responses)
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Table,
+        id: str | None = None,
+        conditions: Sequence[str] | None = None,
+        numbers: Collection[str] = (),
+        transform: str = Transform.NONE,
+        responses: Sequence[Response] = (),
+    ) -> Conditions:
+        """Take the columns that `from_csv` names from a table that was read."""
         return cls._of(_rows_of(table, id, conditions, numbers=numbers)[0], transform, responses)
 
     @classmethod

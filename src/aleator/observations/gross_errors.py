@@ -1,7 +1,9 @@
-"""Measured values that look like a slip of the pen: a wrong sign, or a misplaced decimal point."""
+"""Slips of the pen in a table: a wrong sign, a misplaced decimal point, a name used twice."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +15,10 @@ from aleator.core.types import Array
 class GrossErrorSettings:
     """Settings of the search for gross errors; chosen by judgement, and only notes follow.
 
-    share: the largest share of values that are questioned. If there are more, the outcome itself
-    has both signs, or spans decades. range: the ratio of the ends of a range about the median, in
-    which all other values lie; a value times or over ten then leaves it, or nearly.
+    share: the largest share of values, or of experiments, that are questioned. If there are more,
+    the outcome itself has both signs, or spans decades, or experiments differ in their rows. range:
+    the ratio of the ends of a range about the median, in which all other values lie; a value times
+    or over ten then leaves it, or nearly.
     """
 
     share: float = 0.1
@@ -57,3 +60,33 @@ def gross_errors(values: Array, settings: GrossErrorSettings = GROSS_ERRORS) -> 
         if right:
             found[k] = float(f"{right[0]:.12g}")
     return found
+
+
+def odd_repeats(
+    names: Sequence[str], places: Sequence[str], settings: GrossErrorSettings = GROSS_ERRORS
+) -> list[str]:
+    """The experiments with another number of rows than all the others, in words; a tenth at most.
+
+    `names` (R,) has the experiment of each row, and `places` (R,) where the row stands. A name that
+    was copied or mistyped makes one experiment of two.
+
+    >>> names = [f"S{k}" for k in range(12)]
+    >>> odd_repeats([*names, "S4"], [f"line {k}" for k in range(2, 15)])
+    ['S4 has 2 rows (line 6, line 14) where the others have 1: one experiment, or a typing error?']
+    >>> odd_repeats(names, [f"line {k}" for k in range(2, 14)])
+    []
+    """
+    rows = Counter(names)
+    usual, _ = Counter(rows.values()).most_common(1)[0] if rows else (0, 0)
+    odd = [name for name, count in rows.items() if count != usual]
+    if len(odd) > settings.share * len(rows):
+        return []
+    found: dict[str, list[str]] = {name: [] for name in odd}
+    for name, place in zip(names, places, strict=True):
+        if name in found:
+            found[name].append(place)
+    return [
+        f"{name} has {len(at)} row{'s' if len(at) > 1 else ''} ({', '.join(at)}) where the others "
+        f"have {usual}: one experiment, or a typing error?"
+        for name, at in found.items()
+    ]

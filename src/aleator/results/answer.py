@@ -10,6 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from aleator.observations.gross_errors import gross_errors
 from aleator.results.findings import findings
 from aleator.results.printed import (
     NONE,
@@ -28,7 +31,7 @@ from aleator.results.printed import (
     to_three,
     with_error,
 )
-from aleator.results.units import label
+from aleator.results.units import label, transforms
 from aleator.results.values import REPORTED
 
 Document = Mapping[str, Any]
@@ -265,7 +268,33 @@ def _soundness(document: Document) -> Sentence:
             remedy="measure under more varied conditions, measure several values an experiment, or "
             "give a hyperparameter a known value",
         )
+    if names := cut_by_limits(document):
+        several = len(names) > 1
+        return Sentence(
+            f"Computed soundly, but limits cut the 95 % interval{'s' if several else ''} of "
+            f"{listed(names)}: beyond {'them' if several else 'it'} the experiments rule out "
+            f"nothing. {what[0].upper()}{what[1:]}{checked}.",
+            "open",
+            remedy="where a limit is not physical, widen it (box, or lower and upper) and identify "
+            "again",
+        )
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def cut_by_limits(document: Document) -> list[str]:
+    """The hyperparameters whose 95 % intervals would go on beyond a limit.
+
+    A scale that may be next to nothing, at its lower limit, is not among them.
+
+    >>> cut_by_limits({"alpha": {"a.mean": {"cut": "lower"}, "a.sd": {"cut": "lower"}}})
+    ['a.mean']
+    """
+    return [
+        name
+        for name, entry in document["alpha"].items()
+        if (cut := entry.get("cut"))
+        and (cut != "lower" or name.partition("[")[0].endswith((".mean", ".value")))
+    ]
 
 
 def _left_open(document: Document, names: Sequence[str]) -> str:
@@ -298,6 +327,8 @@ def _agreement(document: Document) -> Sentence:
     against = [*_numbered(second["discrepancies"])]
     said = "; ".join(f"{place}{_contradiction(row)}" for place, row in against)
     mended = " ".join(f"{place}{row['remedy']}." for place, row in against)
+    if _mistyped(document):
+        mended = f"first {MISTYPED}; else {mended}"
     if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
         said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
@@ -326,9 +357,15 @@ def warnings(document: Document) -> tuple[Sentence, ...]:
         warned.append(Sentence(said, "warning", head, remedy))
     second = document.get("consistency") or {}
     if outliers := second.get("outliers"):
-        rows = [f"{row['id']}{_row(document, row)} (p = {number(row['p'], 1)})" for row in outliers]
+        slips = _slips(document)
+        rows = [
+            f"{row['id']}{_row(document, row)} (p = {number(row['p'], 1)}"
+            f"{slips.get((row['id'], row['row']), '')})"
+            for row in outliers
+        ]
         ids = tuple(str(row["id"]) for row in outliers)
-        warned.append(Sentence(f"{', '.join(rows)}.", "warning", "Outliers", ids=ids))
+        mended = MISTYPED if _mistyped(document) else ""
+        warned.append(Sentence(f"{', '.join(rows)}.", "warning", "Outliers", mended, ids=ids))
     if copies := second.get("copies"):
         named = ", ".join(f"`{name}`" for name in copies)
         warned.append(
@@ -340,6 +377,47 @@ def warnings(document: Document) -> tuple[Sentence, ...]:
             )
         )
     return tuple(warned)
+
+
+MISTYPED = "see whether an outlier was mistyped, and identify again"
+
+
+def _mistyped(document: Document) -> bool:
+    """Whether one of the outliers looks like a slip of the pen."""
+    outliers = document["consistency"].get("outliers") or ()
+    return bool({(row["id"], row["row"]) for row in outliers} & {*_slips(document)})
+
+
+def _slips(document: Document) -> dict[tuple[str, int], str]:
+    """Why measured values look like slips of the pen, by id and row.
+
+    >>> seen = [{"id": str(k), "row": k, "response": "y", "lower": y, "upper": y}
+    ...         for k, y in enumerate([3.2, 4.4, 4.5, 5.1, 8.0, 7.9, 3.1, 3.6, 4.1, 4.2, -4.4])]
+    >>> _slips({"observations": seen})
+    {('10', 10): '; measured is -4.4, where 4.4 would lie among the others'}
+    >>> seen = [{"id": str(k), "row": k, "response": "y", "lower": y, "upper": y, "predicted": 1.0}
+    ...         for k, y in enumerate([0.1, 1.0, 10.0, 100.0, -4.0])]
+    >>> _slips({"observations": seen})
+    {('4', 4): '; measured is -4, where every prediction is positive'}
+    """
+    seen = [row for row in document.get("observations") or () if row["lower"] == row["upper"]]
+    found, changed = {}, transforms(document)
+    for response in dict.fromkeys(row["response"] for row in seen):
+        if changed.get(response, "none") != "none":
+            continue
+        own = [row for row in seen if row["response"] == response]
+        if all((row.get("predicted") or 0.0) > 0.0 for row in own):
+            for row in own:
+                if row["lower"] < 0.0:
+                    found[row["id"], row["row"]] = (
+                        f"; measured is {number(row['lower'])}, where every prediction is positive"
+                    )
+        for k, right in gross_errors(np.array([row["lower"] for row in own], float)).items():
+            found[own[k]["id"], own[k]["row"]] = (
+                f"; measured is {number(own[k]['lower'])}, where {number(right)} would lie among "
+                "the others"
+            )
+    return found
 
 
 def _contradiction(row: Document) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from aleator.core.arithmetic import share_of
 from aleator.errors import (
     AleatorError,
     ExperimentsError,
@@ -28,6 +29,7 @@ from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations import tables
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.model import ObservationModel
@@ -88,6 +90,11 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     if kind == "union_tag_invalid" and isinstance(details.get("input"), list):
         name = location.rpartition(".")[2]
         return f"{shown} is a list", f"write {_FORMS.get(name, 'a number')}"
+    if kind == "union_tag_invalid" and isinstance(details.get("input"), str):
+        share = share_of(details["input"])
+        name = location.rpartition(".")[2]
+        wanted = "a number without quotes, such as 0.5" if share is None else f"{name} = {share:g}"
+        return f"{shown} is a text", f"write {wanted}"
     message = details["msg"]
     message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
     return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
@@ -267,17 +274,21 @@ class Study:
 
         Conditions that the simulator does not take may be missing, covariates of a law may not,
         except for experiments that were `measured`. A column of numbers in the study's table must
-        have numbers here. Rows with the same id are one new experiment. Raises ExperimentsError for
-        the errors that `Experiments.from_csv` reports.
+        have numbers here. Rows with the same id are one new experiment; without a column of ids
+        each row is one, named by its number, if each row of the study's table is one too. Raises
+        ExperimentsError for the errors that `Experiments.from_csv` reports.
         """
-        found = Conditions.from_csv(
-            path,
-            id=self.table.id,
+        table = tables.read(path, self.table.delimiter, self.table.decimal)
+        own, experiments = self.table.id, self.experiments
+        single = len(experiments.ids) == len(experiments.experiment)
+        if own is not None and own not in table.columns and single and not measured:
+            own = None
+        found = Conditions.from_table(
+            table,
+            id=own,
             conditions=self.taken,
             numbers=self._numbers,
-            responses=self.experiments.observations.responses,
-            delimiter=self.table.delimiter,
-            decimal=self.table.decimal,
+            responses=experiments.observations.responses,
         )
         covariates = () if measured else self.inputs.covariates
         if missing := [name for name in covariates if name not in found.table.columns]:

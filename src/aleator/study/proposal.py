@@ -11,7 +11,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
-from aleator.observations.gross_errors import gross_errors
+from aleator.observations.gross_errors import gross_errors, odd_repeats
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
 from aleator.study.offers import Offer, SimulatorInput, same_name
@@ -184,13 +184,12 @@ class Proposal:
     it is empty if nothing tells it from the law. `stated` says that the number is the user's,
     and `relative` that it is a share of the simulated value. `decades` are the outcomes that span
     several decades. `log` says that there is one outcome and that its logarithm is used. `units`
-    are read from the heads of columns and the FMU. `unlike` maps each unused column to an input of
-    the simulator with a similar name. `censored` has the rules of censoring for each outcome.
-    `covariates` maps columns on which a law may depend to their terms in a formula. `levels` are
-    the columns whose groups of experiments may share a draw of a parameter. `series` says that one
-    call of the simulator serves all rows of an experiment; `within` are the conditions that vary
-    between these rows. `returned` is the FMU's variable that is the outcome, `time` the column with
-    the times of the FMU's simulation.
+    are read from the heads of columns and the FMU. `censored` has the rules of censoring for each
+    outcome. `covariates` maps columns on which a law may depend to their terms in a formula.
+    `levels` are the columns whose groups of experiments may share a draw of a parameter. `series`
+    says that one call of the simulator serves all rows of an experiment; `within` are the
+    conditions that vary between these rows. `returned` is the FMU's variable that is the outcome,
+    `time` the column with the times of the FMU's simulation.
     """
 
     title: str
@@ -207,7 +206,6 @@ class Proposal:
     decades: tuple[str, ...]
     log: bool
     units: Mapping[str, str]
-    unlike: Mapping[str, str]
     censored: Mapping[str, Censoring]
     covariates: Mapping[str, str]
     levels: tuple[str, ...]
@@ -254,6 +252,12 @@ class Proposal:
                 for row, right in slips.items() if values is not None
             ]  # fmt: skip
         return found
+
+    @property
+    def odd_repeats(self) -> list[str]:
+        """The experiments with another number of rows than all the others, in words."""
+        table = self.sheet.table
+        return odd_repeats(table.texts(self.id), table.places) if self.id else []
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -310,6 +314,21 @@ def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
     return roles_in(sheet.table, (*offer.names, *((times,) if times else ())), outcomes)
 
 
+def misspelt(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]) -> list[str]:
+    """Notes on unused columns with a name similar to an input of the simulator.
+
+    If such a column is this input, what was measured would be taken for an unknown parameter.
+    """
+    taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
+    left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
+    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
+    return [
+        f"the column '{name}' is not used; if it is the simulator's '{taken[found[0]]}', call it "
+        "so in the table and begin again: else that is an unknown parameter"
+        for name, found in near.items() if found
+    ]  # fmt: skip
+
+
 def proposed(
     sheet: Sheet,
     file: str,
@@ -357,7 +376,6 @@ def proposed(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
         noise, tuple(n for n in outcomes if decades[n] >= RULES.spans), log,
         _units(sheet.table, roles, outcomes, parameters),
-        _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), levels_in(sheet.table, left, id), within,
         series or bool(offer.arrays & {*within}),
         _returned(offer, outcomes), _time(sheet, offer, outcomes),
@@ -412,14 +430,6 @@ def _units(
     heads = {name: table.units.get(name, "") for name in (*outcomes, *roles.conditions)}
     own = {each.name: each.input.unit for each in parameters}
     return {name: unit for name, unit in {**heads, **own}.items() if unit}
-
-
-def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]) -> dict[str, str]:
-    """For each unused column with a name similar to an input of the simulator, that input."""
-    taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
-    left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
-    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
-    return {name: taken[found[0]] for name, found in near.items() if found}
 
 
 def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:

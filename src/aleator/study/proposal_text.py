@@ -85,6 +85,7 @@ def notes(proposal: Proposal) -> list[str]:
         said.append(f"the outcome is read from {file}, by the name {proposal.outcomes[0]}: if the "
                     "program calls it otherwise, change output in [simulator]")  # fmt: skip
     said += proposal.gross_errors
+    said += proposal.odd_repeats
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip
@@ -97,10 +98,6 @@ def notes(proposal: Proposal) -> list[str]:
     unused = [name for name in roles.others if name not in used]
     if unused:
         said.append(f"not used: {', '.join(unused)}")
-    said += [
-        f"the column '{column}' is not used; if it is the simulator's '{argument}', call it so"
-        for column, argument in proposal.unlike.items()
-    ]
     return said
 
 
@@ -338,13 +335,30 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
     lines.insert(1, line("unit", unit, shown) if unit else off("unit", "...", shown))
     if each.limits is None:
         box = fill("box", "[..., ...]", "where the simulator works; mean and sd are sought inside")
-        return [*lines, box, *_follows(proposal)]
+        return [*lines, box, *_other_law(None), *_follows(proposal)]
     why = (
         "where the simulator works; mean and sd are sought inside"
         if each.nominal is None
         else f"a factor of three about {written(each.nominal)}: make it as wide as physics allows"
     )
-    return [*lines, line("box", [*each.limits], why), *_follows(proposal)]
+    box = line("box", [*each.limits], why)
+    return [*lines, box, *_other_law(each.limits), *_follows(proposal)]
+
+
+def _other_law(limits: tuple[float, float] | None) -> list[str]:
+    """Comments in study.toml with another law in place of the one above and of its box.
+
+    A lognormal law has values above zero; where the limits reach below, it is a normal law.
+    """
+    law, of = "lognormal", "skewed, above zero, without an upper end; gamma alike"
+    if limits is not None and limits[0] <= 0.0:
+        law, of = "normal", "without ends"
+    mean = "{lower = ..., upper = ...}" if limits is None else ends(limits)
+    return [
+        "# In place of law and box another law, whose mean is sought between limits:",
+        off("law", law, of),
+        f"# mean = {mean}",
+    ]
 
 
 def _follows(proposal: Proposal) -> list[str]:

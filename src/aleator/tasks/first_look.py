@@ -187,8 +187,9 @@ class Look:
     `outcome` (V, P) are the simulated values, NaN where a run failed. `ids` (V,) are the names of
     the observations, `owner` (V,) their experiments and `response` (V,) their responses. `lower`
     and `upper` (V,) are the ends of the measured values, after the transform of the response.
-    `margin` (V,) is three standard deviations of the noise, as known or at the start of its
-    search. `runs` is the number of runs, `failed` of which have no outcome; `seconds` is the time
+    `margin` (V,) is how far three standard deviations of the noise, as known or at the start of its
+    search, reach from the simulated values beyond their range, on the side of the measured value.
+    `runs` is the number of runs, `failed` of which have no outcome; `seconds` is the time
     of one run, and `fault` the most frequent message of failures. `looked_at` is the number of
     conditions that were run. `lost` has the experiments of which no run works, each with its row,
     its conditions and the message of its failures. `transforms` (V,) are those of the responses;
@@ -337,12 +338,13 @@ def first_look(
     there = np.flatnonzero([int(c) in values for c in case])
     outcome = np.array([values[int(case[k])][:, single.column[k]] for k in there])
     lower, upper = seen.lower[there], seen.upper[there]
-    margin = np.zeros(len(there))
-    if noise is not None:
-        margin = _margin(table, noise, there, outcome, settings)
     with np.errstate(all="ignore"):
         ends = np.fmin.reduce(outcome, axis=1), np.fmax.reduce(outcome, axis=1)
         side = np.sign(_beyond(lower, upper, *ends))
+    margin = np.zeros(len(there))
+    if noise is not None:
+        below, above = _margins(table, noise, there, outcome, settings)
+        margin = np.where(side < 0.0, below, np.where(side > 0.0, above, np.fmin(below, above)))
     goals = _Goals(lower, upper, margin, np.asarray(there), side)
     closest, found = _approached(single, goals, plan, outcome, settings)
     fault = runner.failures.frequent_failure()
@@ -465,20 +467,28 @@ def _failing(runner: Runner, plan: LookPlan) -> dict[str, tuple[str, float]]:
     return found
 
 
-def _margin(
+def _margins(
     table: Experiments,
     noise: Noise | Mapping[str, Noise],
     there: Indices,
     outcome: Array,
     settings: LookSettings,
-) -> Array:
-    """Three standard deviations (V,) of the noise, as known or at the start of its search."""
+) -> tuple[Array, Array]:
+    """How far the noise reaches below and above (V,) the range of outcomes (V, P).
+
+    From each outcome it reaches three standard deviations, as known or at the start of its search.
+    One that grows with the outcome is small at the least of them: the largest standard deviation
+    says nothing of a value below the range. Zero where every run failed.
+    """
     errors = MeasurementErrors.of(noise, table)
     values = np.array([h.start for h in errors.hyperparameters])
-    eta = np.zeros((len(table.observations), 1))
+    eta = np.zeros((len(table.observations), outcome.shape[1]))
+    eta[there] = np.nan_to_num(outcome)
     with np.errstate(all="ignore"):
-        eta[there, 0] = np.nan_to_num(np.fmax.reduce(outcome, axis=1))
-    return np.asarray(settings.sure * errors.scale(values, eta, slice(0, len(eta)))[there, 0])
+        reach = settings.sure * errors.scale(values, eta, slice(0, len(eta)))[there]
+        below = np.fmin.reduce(outcome, axis=1) - np.fmin.reduce(outcome - reach, axis=1)
+        above = np.fmax.reduce(outcome + reach, axis=1) - np.fmax.reduce(outcome, axis=1)
+    return np.nan_to_num(below), np.nan_to_num(above)
 
 
 def _points(
