@@ -45,6 +45,9 @@ def distributions(columns: Columns, outcome: str, transform: str = "none") -> Co
     return _content(f"Predicted distribution of {outcome}", columns, values, rows)
 
 
+_COMPUTED = Sentence("+-: the standard error of the computation.")
+
+
 def probabilities(columns: Columns, title: str) -> Content:
     """A table of probabilities with their intervals, and notes on how far they can be trusted."""
     rows = [
@@ -80,7 +83,7 @@ def probabilities(columns: Columns, title: str) -> Content:
             "no error of the probabilities above: theirs are the interval and +-."
         )
     values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
-    return _content(title, columns, values, rows, *map(Sentence, notes))
+    return _content(title, columns, values, rows, _COMPUTED, *map(Sentence, notes))
 
 
 def limits(columns: Columns, title: str) -> Content:
@@ -94,7 +97,7 @@ def limits(columns: Columns, title: str) -> Content:
         for row in _rows(columns)
     ]  # fmt: skip
     values = (*(f">{end} limit" for end in ends), ">+-", ">beyond")
-    return _content(title, columns, values, rows)
+    return _content(title, columns, values, rows, *([_COMPUTED] if "error" in columns else []))
 
 
 def beyond(value: float | None) -> str:
