@@ -375,6 +375,12 @@ def predict(
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
+    if draws is not None and answer.undetermined:
+        options.say(
+            f"warning: the experiments do not determine {', '.join(answer.undetermined)}. Their "
+            "draws may leave the values that agree with the experiments: ranges may be far too "
+            "wide, and means and probabilities wrong. Compare with --no-uncertainty, or fix one"
+        )
     for note in without_values(found, runner):
         options.say(note)
     made = {
