@@ -27,6 +27,7 @@ from aleator import (
 from aleator.core.types import Array
 from aleator.errors import SimulatorError
 from aleator.inference.diagnostics import Rival, rival_warnings, search_refusals
+from aleator.inference.identifiability import exchanged
 from aleator.laws import Hyperparameter, Law
 from aleator.results.values import Diagnostic
 
@@ -164,6 +165,22 @@ def test_a_law_is_left_open_only_where_no_value_is_ruled_out(
     falls = float(0.5 * np.sum(c**2) / 0.1**2)  # from the estimate 0.5 to either limit of b
     assert (falls < 1.92) is bool(told)
     assert found.undetermined == told
+
+
+@pytest.mark.parametrize(
+    ("correlation", "lower", "told"),
+    [(-0.93, 0.001, [0, 1]), (0.0, 0.001, []), (-0.93, 0.01, [])],
+)
+def test_sds_are_left_open_if_each_but_not_both_may_be_zero(
+    correlation: float, lower: float, told: list[int]
+) -> None:
+    h = [Hyperparameter(f"{x}.sd", 0.001, 4.0, 0.1, free=True) for x in "ab"]
+    inference = SimpleNamespace(
+        positive=True, free=np.arange(2), standard_error=np.array([0.1, 0.1]),
+        correlation=np.array([[1.0, correlation], [correlation, 1.0]]),
+    )  # fmt: skip
+    profile = SimpleNamespace(intervals=np.array([[0.001, 0.3], [lower, 0.3]]))
+    assert exchanged(np.array([0.12, 0.11]), h, inference, profile) == told  # type: ignore[arg-type]
 
 
 # ------------------------------------------------------------------------------ nodes

@@ -504,6 +504,6 @@ def test_few_calls_find_it_out() -> None:
 
     run = of_rows(counted)
     assert run.takes_arrays(REGION)
-    assert len(calls) == 17
+    assert len(calls) == 18
     run.straight(np.zeros(1000, int), np.ones((1000, 2)))
     assert len(calls) == 18

@@ -142,6 +142,25 @@ def test_a_range_by_an_interval_that_runs_to_a_limit_is_not_offered(
     assert "0.1788" not in said
 
 
+@pytest.mark.parametrize("correlation", [-0.93, 0.0])
+def test_two_sds_that_replace_each_other_are_not_both_told_to_be_zero(correlation: float) -> None:
+    """Each is 1.2 standard errors from zero; with -0.93 both are zero at 41 of chi-square (2)."""
+    sd = {"estimate": 0.12, "standard_error": 0.1, "interval": [1e-4, 0.3], "cut": "lower"}
+    table = {"names": ["c.sd", "d.sd"], "matrix": [[1.0, correlation], [correlation, 1.0]]}
+    said = told(ranges={"c": LAW, "d": LAW}, alpha={"c.sd": sd, "d.sd": sd}, correlation=table)
+    for sentence in said[:2]:
+        assert "no scatter" not in sentence
+        assert ("at least one" in sentence) is (correlation < 0.0)
+
+
+def test_the_law_of_a_group_is_left_open_by_its_own_coefficients_only() -> None:
+    open_ = {"estimate": 2.0, "interval": [1.0, 3.0], "cut": "lower"}
+    law = LAW | {"factor": "by", "by_level": {"a": LAW, "b": LAW}}
+    a, b = told(ranges={"c": law}, alpha={"c.mean[by=a]": open_})[:2]
+    assert "c.mean[by=a]" in a
+    assert "c.mean" not in b
+
+
 def test_an_inner_interval_leaves_the_range_at_the_estimate() -> None:
     inner = {"estimate": 0.02, "interval": [0.01, 0.03], "cut": "upper"}
     said, *_ = told(ranges={"c": LAW}, alpha={"d.sd": inner, "c.sd": inner | {"cut": None}})

@@ -101,7 +101,7 @@ class LeastSquares:
 
     `rmse` is the root mean square of the residuals, in the unit of the outcome. `log_likelihood` is
     that of independent Normal(0, rmse^2) residuals, -N/2 (log(2 pi rmse^2) + 1), which can be
-    compared with the log-likelihood of the identified law.
+    compared with the log-likelihood of the identified law, unless the noise of that is known.
     """
 
     x: Array

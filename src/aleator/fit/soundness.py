@@ -14,7 +14,7 @@ from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.fit.rounds import EMULATION, EmulatorError
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
-from aleator.inference.identifiability import identifiability_warnings, left_open
+from aleator.inference.identifiability import exchanged, identifiability_warnings, left_open
 from aleator.inference.small_sample import unadjusted_warnings
 from aleator.inference.surface_diagnostics import BUDGET
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
@@ -113,12 +113,14 @@ class Reviewed:
         """The hyperparameters whose values the experiments leave open, by name.
 
         Those whose 95 % interval reaches from limit to limit (see `left_open`), and those by which
-        another maximum differs that is as high (see `Rival.as_high`).
+        another maximum differs that is as high (see `Rival.as_high`), and sds of which each may be
+        zero but not both (see `exchanged`).
         """
         inferred, hyperparameters = self.answer.inferred, self._likelihood.hyperparameters
         wide = left_open(hyperparameters, inferred.inference, inferred.profile)
         moved = (k for rival in inferred.rivals if rival.as_high for k in rival.moved)
-        return tuple(hyperparameters[k].name for k in sorted({*wide, *moved}))
+        instead = exchanged(self._end.alpha, hyperparameters, inferred.inference, inferred.profile)
+        return tuple(hyperparameters[k].name for k in sorted({*wide, *moved, *instead}))
 
     @cached_property
     def warnings(self) -> tuple[Diagnostic, ...]:

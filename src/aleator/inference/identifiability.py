@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from aleator.core.types import Array
 from aleator.inference.information import Inference
 from aleator.inference.profile import DROP, Profile
 from aleator.laws import Hyperparameter
+from aleator.results.findings import replace_each_other
 from aleator.results.values import Diagnostic
 
 
@@ -74,6 +76,34 @@ def left_open(
     ]
     every = {*flat_profiles(hyperparameters, inference, profile), *unknown}
     return sorted(k for k in every if not hyperparameters[k].name.startswith("noise."))
+
+
+def exchanged(
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    profile: Profile,
+) -> list[int]:
+    """The sds of laws of which each may be zero but, with another one, not both.
+
+    The interval of each runs to its lower limit (see `replace_each_other`): the data do not tell
+    which parameter scatters. An sd that may be zero by itself is determined.
+    """
+    rows = [
+        (row, int(k))
+        for row, k in enumerate(inference.free)
+        if inference.positive
+        and hyperparameters[k].name.endswith(".sd")
+        and not hyperparameters[k].name.startswith("noise.")
+        and profile.intervals[k, 0] <= hyperparameters[k].lower
+    ]
+    z = {k: float(alpha[k] / inference.standard_error[k]) for _, k in rows}
+    pairs = [
+        (k, m)
+        for (p, k), (q, m) in combinations(rows, 2)
+        if replace_each_other(z[k], z[m], float(inference.correlation[p, q]))
+    ]
+    return sorted({k for pair in pairs for k in pair})
 
 
 def _untold(

@@ -52,17 +52,24 @@ def _laws(document: Document) -> Iterator[Sentence]:
         at = named_values(document, entry.get("at") or {})
         for factor, ends in (entry.get("by_level") or {}).items():
             with_ = ", ".join([f"{entry['factor']} {factor}", *at])
-            yield _law(document, name, f"{whose} with {with_}", ends)
+            group = (str(entry["factor"]), str(factor))
+            yield _law(document, name, f"{whose} with {with_}", ends, group)
         if not entry.get("by_level"):
             like = " like those of the table" if entry.get("follows") else ""
             yield _law(document, name, f"{whose}{like}", entry)
 
 
-def _law(document: Document, name: str, whose: str, entry: Document) -> Sentence:
+def _law(
+    document: Document,
+    name: str,
+    whose: str,
+    entry: Document,
+    group: tuple[str, str] | None = None,
+) -> Sentence:
     head, unit = f"{percent(0.95)} of {whose}", _unit(document, name)
     reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
     ends, told, sure = [entry["lower"], entry["upper"]], "{} to {}", _sure(reach, unit)
-    open_ends = [*_undetermined(document, name, unit)]
+    open_ends = [*_undetermined(document, name, unit, group)]
     if open_ends and None not in reach:
         ends = [entry["lower_interval"][0], entry["upper_interval"][1]]
         told, sure = "somewhere between {} and {}", "; ".join(open_ends)
@@ -72,22 +79,90 @@ def _law(document: Document, name: str, whose: str, entry: Document) -> Sentence
     return _found(head, f"{name} {told.format(low, high)}{unit} ({sure})")
 
 
-def _undetermined(document: Document, name: str, unit: str) -> Iterator[str]:
-    """What the data do not tell of a parameter's law: its intervals that run to a limit."""
+def _undetermined(
+    document: Document, name: str, unit: str, group: tuple[str, str] | None
+) -> Iterator[str]:
+    """What the data do not tell of a parameter's law: its intervals that run to a limit.
+
+    Of the law of a `group`, a column and its entry, those coefficients count that belong to it.
+    """
     for key, entry in document["alpha"].items():
         interval, limit = entry.get("interval"), entry.get("at_bound") or entry.get("cut")
         if not key.startswith(f"{name}.") or not limit or interval is None or None in interval:
             continue
+        if group is not None and _of_another(key, *group):
+            continue
         low, high = (f"{number(end, 3)}{unit}" for end in interval)
         if key == f"{name}.sd" and limit in ("lower", "both"):
             most = f"{high}, its upper limit" if limit == "both" else high
-            yield (
-                f"these data show no scatter of {name} beyond the lower limit of its sd, {low}; "
-                f"its sd may be up to {most}"
-            )
+            yield _scatter(document, name, low, most)
         else:
             which = "from limit to limit" if limit == "both" else f"to its {limit} limit"
             yield f"the 95 % interval of {key}, {low} to {high}, runs {which}"
+
+
+def _of_another(key: str, column: str, entry: str) -> bool:
+    """Whether a coefficient belongs to another entry of the column: its derivative is zero."""
+    terms = key.partition("[")[2].removesuffix("]").split(":")
+    return any(term.startswith(f"{column}=") and term != f"{column}={entry}" for term in terms)
+
+
+def _scatter(document: Document, name: str, low: str, most: str) -> str:
+    """What is told of an sd whose interval runs to its lower limit.
+
+    That the data show no scatter is told only where the estimate is the limit and no other sd may
+    be zero too: else the scatter of the other may stand for that of this one.
+    """
+    alpha, own = document["alpha"], f"{name}.sd"
+    others = [
+        key.removesuffix(".sd")
+        for key, entry in alpha.items()
+        if key.endswith(".sd") and not NOISE.match(key) and key != own
+        and {"lower", "both"} & {entry.get("at_bound"), entry.get("cut")}
+    ]  # fmt: skip
+    if alpha[own].get("at_bound") != "lower":
+        said = f"the sd of {name} may be its lower limit, {low}, or up to {most}"
+    elif others:
+        said = f"the estimate of the sd of {name} is its lower limit, {low}; it may be up to {most}"
+    else:
+        return (
+            f"these data show no scatter of {name} beyond the lower limit of its sd, {low}; "
+            f"its sd may be up to {most}"
+        )
+    if instead := [other for other in others if _either(document, own, f"{other}.sd")]:
+        which = ", ".join([name, *instead])
+        said += f"; at least one of {which} scatters, and these data do not tell which"
+    return said
+
+
+def _either(document: Document, one: str, other: str) -> bool:
+    table = document.get("correlation") or {}
+    names = list(table.get("names") or ())
+    if one not in names or other not in names:
+        return False
+    entries = [document["alpha"][key] for key in (one, other)]
+    if not all(entry.get("standard_error") for entry in entries):
+        return False
+    z = [entry["estimate"] / entry["standard_error"] for entry in entries]
+    correlation = table["matrix"][names.index(one)][names.index(other)]
+    return correlation is not None and replace_each_other(z[0], z[1], correlation)
+
+
+def replace_each_other(a: float, b: float, correlation: float) -> bool:
+    """Whether one of two sds takes the place of the other: at least one is not zero.
+
+    `a` and `b` are the estimates in standard errors. Wald's statistic that both are zero,
+    (a^2 + b^2 - 2 r a b) / (1 - r^2) with the correlation r of the estimates, lies above the
+    quantile of 95 % of chi-square with two degrees of freedom, -2 log 0.05, only because of r.
+
+    >>> replace_each_other(1.2, 1.1, -0.93), replace_each_other(1.2, 1.1, 0.0)
+    (True, False)
+    """
+    if not -1.0 < correlation < 0.0:
+        return False
+    apart = a * a + b * b
+    together = (apart - 2.0 * correlation * a * b) / (1.0 - correlation**2)
+    return bool(apart <= -2.0 * math.log(0.05) < together)
 
 
 def _half(ends: Sequence[float | None] | None) -> float | None:

@@ -25,6 +25,7 @@ from aleator.results.answer import (
     warnings,
     words,
 )
+from aleator.results.findings import NOISE
 from aleator.results.printed import (
     AMOUNTS,
     DETAILS,
@@ -277,11 +278,20 @@ def _other_likelihoods(document: Document) -> Iterator[tuple[str, str, str]]:
         )
     baselines = document.get("baselines") or {}
     if fit := baselines.get("least_squares"):
+        noise = [e.get("fixed") for name, e in document["alpha"].items() if NOISE.match(name)]
+        other = (
+            (
+                ". The noise of the answer is known, this one is fitted: do not compare the two "
+                "log-likelihoods"
+            )
+            if noise and all(noise)
+            else ""
+        )
         yield (
             "least squares",
             to_three(fit.get("log_likelihood")),
-            f"one value for all: {named_values(fit.get('parameters', {}))}; rmse "
-            f"{number(fit.get('rmse'))}",
+            f"one value for all: {named_values(fit.get('parameters', {}))}, with normal noise of a "
+            f"fitted sd (rmse) of {number(fit.get('rmse'))}{other}",
         )
     if linear := baselines.get("circe"):
         yield (
