@@ -506,4 +506,4 @@ def test_few_calls_find_it_out() -> None:
     assert run.takes_arrays(REGION)
     assert len(calls) == 18
     run.straight(np.zeros(1000, int), np.ones((1000, 2)))
-    assert len(calls) == 18
+    assert len(calls) == 19
