@@ -262,7 +262,7 @@ def test_a_study_whose_scheduler_is_killed_keeps_its_runs_and_goes_on(
     assert len(repeated) <= 1  # the one that is repeated on purpose
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not MPIEXEC.exists(), reason="no MPI")
 def test_an_mpi_job_finds_the_same_answer(tmp_path: Path, alone: dict[str, Any]) -> None:
     folder = study_in(tmp_path / "springs")

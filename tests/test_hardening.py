@@ -21,7 +21,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damaged_files_are_told_or_do_not_matter(sound: Path, tmp_path: Path) -> None:
     found = [judging.one(k, 1, sound, tmp_path / "study") for k in range(len(KINDS))]
     broken = [(one.number, one.words) for one in found if one.outcome in judging.BROKEN]
@@ -30,6 +30,7 @@ def test_damaged_files_are_told_or_do_not_matter(sound: Path, tmp_path: Path) ->
     assert {one.outcome for one in found} == {judging.DONE, judging.REFUSED}
 
 
+@pytest.mark.long
 def test_the_same_number_is_the_same_damage(sound: Path, tmp_path: Path) -> None:
     for number in range(2 * len(KINDS)):
         same = [damaged(number, 0, sound, tmp_path / f"{number}{k}") for k in "ab"]

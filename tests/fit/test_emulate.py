@@ -86,6 +86,7 @@ def test_a_budget_leaves_a_larger_error_that_is_told(noise: float) -> None:
     assert [one.about for one in found.warnings] == ["budget"] * (found.emulator_error > 0.2)
 
 
+@pytest.mark.long
 def test_a_budget_below_the_first_runs_of_few_conditions_is_kept() -> None:
     """Five conditions would have four first runs each."""
 

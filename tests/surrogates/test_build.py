@@ -120,7 +120,13 @@ def test_analytic_outcomes_converge_geometrically() -> None:
 
 @pytest.mark.parametrize(
     ("function", "n", "loosest"),
-    [(kink, 2, 1.5), (waves, 2, 1.2), (smooth, 2, 1.5), (front, 2, 1.2), (additive, 10, 1.0)],
+    [
+        pytest.param(kink, 2, 1.5, marks=pytest.mark.long),
+        (waves, 2, 1.2),
+        (smooth, 2, 1.5),
+        pytest.param(front, 2, 1.2, marks=pytest.mark.long),
+        (additive, 10, 1.0),
+    ],
 )
 def test_the_estimate_bounds_the_true_error(function: Function, n: int, loosest: float) -> None:
     count = 4 if n < 10 else 2

@@ -273,6 +273,7 @@ def exact_loss(load: Array, y: Array, alpha: Array) -> float:
     return -float(np.sum(np.log(stats.norm.pdf(rest, 0.0, THIN) @ weight + 1e-300)))
 
 
+@pytest.mark.long
 def test_a_right_answer_is_sound_where_the_kernel_smears_the_end_of_a_density() -> None:
     rng, load = np.random.default_rng(1), np.linspace(0.5, 2.0, 10)
     a = 1.0 + 0.2 * rng.standard_normal(10)
