@@ -223,3 +223,20 @@ def test_a_large_table_of_a_function_of_numbers_has_the_exact_log_likelihood() -
     exact = multivariate_normal(at["a.mean"] + at["b.mean"] * z, covariance)
     y = MANY.observations.lower.reshape(-1, POINTS)
     assert found.log_likelihood.estimated == pytest.approx(exact.logpdf(y).sum(), abs=1e-2)
+
+
+def test_what_never_worked_is_given_up_after_few_calls_and_what_worked_is_not() -> None:
+    called = []
+
+    def rarely(z: Any, a: Any, b: Any) -> Any:
+        called.append(1)
+        return line(z, a, b) if float(np.max(np.abs(a))) < 1e-3 else 1.0 / float(np.ndim(a) * 0.0)
+
+    unit, x = np.zeros(4000, dtype=np.intp), np.ones((4000, 2))
+    runner = Runner(FunctionSimulator(rarely, vectorized=True), FEW, ["a", "b"])
+    assert np.isnan(runner.straight(unit, x)).all()
+    assert len(called) < 100
+    x[1] = 0.0
+    assert np.isfinite(runner.straight(unit[:1], x[1:2])).all()
+    found = runner.straight(unit, x)[:, 0]
+    assert np.flatnonzero(np.isfinite(found)).tolist() == [1]

@@ -92,7 +92,8 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds.
+    with which the processes began. `told` has the errors of all rounds. `dependence` says how alpha
+    depends on the simulated values, with the factor by which that is in standard errors.
     """
 
     def __init__(
@@ -121,7 +122,7 @@ class Emulation:
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
         self.told: list[EmulatorRound] = []
-        self.influential: InfluentialPoints | None = None
+        self.dependence: tuple[Functional, Array] | None = None
         self.surface: Surface
         self.where: Array
 
@@ -326,8 +327,10 @@ class Emulation:
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
         made, points = [], []
-        if self.calm and self.influential:
-            at, inside = self.influential, np.clip(self.influential.x, *processes.box.T)
+        if self.calm and self.dependence:
+            found, by = self.dependence
+            at = InfluentialPoints.of(found, processes.case, by, self._scatter)
+            inside = np.clip(at.x, *processes.box.T)
             weight = at.effect * np.isin(at.case, able)
             some = processes.farthest(at.case, inside, weight, count)
             made, points, count = at.case[some].tolist(), [inside[some]], 0
@@ -368,7 +371,7 @@ class Emulation:
         # Without free hyperparameters, the error of the log-likelihood decides.
         by = root.T if last else np.ones((1, 1))
         shares = np.einsum("ki,cij,kj->c", by, alone[:, : len(by), : len(by)], by)
-        self.influential = InfluentialPoints.of(found, processes.case, by, self._scatter)
+        self.dependence = found, by
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,

@@ -153,6 +153,7 @@ class DirectRuns:
         self._unmeasured = replace(bound, form=replace(bound.form, observed=observed))
         self.trial: ArrayTrial | None = None
         self.count = self.lost = self.repeated = 0
+        self._worked = False
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
@@ -167,6 +168,7 @@ class DirectRuns:
         for rows in blocks(len(case), 1, self._called.simulator.block):
             values[rows], failures = self._block(self._called, case[rows], x[rows])
             self._note(case[rows], x[rows], values[rows], failures)
+            self._worked = self._worked or not np.isnan(values[rows]).all()
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
@@ -239,9 +241,11 @@ class DirectRuns:
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         """Values (R, W) of runs of which some raise an exception; the values of these are NaN.
 
-        If each of a few raises one, spread over all, the others are not made.
+        As long as no run has worked: if each of a few raises one, spread over all, the others are
+        not made.
         """
-        if len(case) > (few := self._settings.checked):
+        few = self._settings.checked
+        if len(case) > few and not (self._worked or self.calls_arrays):
             some = np.linspace(0, len(case) - 1, few).astype(np.intp)
             failures = self._carefully(case[some], x[some])[1]
             if len(failures) == few:
