@@ -83,7 +83,9 @@ def test_a_budget_leaves_a_larger_error_that_is_told(noise: float) -> None:
     assert found.emulator_error > answer(noise).emulator_error
     off = np.abs(found.values - exact.values) / exact.errors
     assert off.max() < max(2.0 * found.emulator_error, 0.05)
-    assert [one.about for one in found.warnings] == ["budget"] * (found.emulator_error > 0.2)
+    data = {one.about for one in exact.warnings}
+    own = [one.about for one in found.warnings if one.about not in data]
+    assert own == ["budget"] * (found.emulator_error > 0.2)
 
 
 @pytest.mark.long
