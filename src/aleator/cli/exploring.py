@@ -27,6 +27,7 @@ from aleator.cli.running import (
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -42,7 +43,6 @@ from aleator.tasks.next_experiment import (
     require_enough_candidates,
     require_free,
 )
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.screen import SCREEN, screen
 from aleator.views import planning
 from aleator.views.figures import save_check, save_sensitivity

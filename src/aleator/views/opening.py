@@ -20,7 +20,7 @@ from aleator.views.outcome_charts import Individuals, hover, lines_of, predicted
 
 Document = Mapping[str, Any]
 HEIGHT = 300
-"""The height of a chart in pixels: both rows fit on the first screen."""
+"""The height of a chart in pixels: the first row of charts fits on the first screen."""
 COLUMNS = tuple(f"q{p}" for p in QUANTILES)
 GROUP_LOOKS = (
     (chart.BLUE, "solid"),
@@ -70,14 +70,12 @@ def opening_charts(
 ) -> Iterator[Chart]:
     """The outcomes of the `first` response in the bands of the law, and the first laws.
 
-    One law stands beside the outcomes; several have a row of their own.
+    The laws stand beside the outcomes, two of them in the same row of a page.
     """
-    names = opening_laws(document)
     if first is not None and first[0].by_law and len(first[0]):
         noise = bool(document.get("quadrature"))
-        chart = outcome_chart(*first, varying(document), noise=noise)
-        yield replace(chart, wide=len(names) > 1)
-    for name in names:
+        yield outcome_chart(*first, varying(document), noise=noise)
+    for name in opening_laws(document):
         yield replace(law_chart(document, name, individuals, ceiling), height=HEIGHT)
 
 
