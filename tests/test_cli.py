@@ -97,6 +97,8 @@ def test_a_command_has_the_defaults_of_its_function_and_its_help_tells_them(
 
 def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Path) -> None:
     study.write_text(f"{SPRINGS}[[questions]]\ntolerance = [0.95, 0.9]\nat = {{load = 10}}\n")
+    told = done("check", study, "--output", "checked", "--no-figures").stdout
+    assert "1 question of the study" in told
     texts = []
     for folder in ("result", "again"):
         shown = done("identify", study, "--output", folder, "--seed", 5)

@@ -252,8 +252,8 @@ def test_at_two_widths_nothing_is_wider_than_the_window(page: Page, file: Path) 
 def test_the_answer_is_on_the_first_screen(page: Page, file: Path) -> None:
     page.open(file)
     ends = page.ask(
-        "['.findings', '.verdicts', '#plot-outcomes', '#plot-law-start', '#plot-law-slope'].map((one) =>"
-        " document.querySelector(one).getBoundingClientRect().bottom)"
+        "['.findings', '.verdicts', '#plot-outcomes', '#plot-law-start', '#plot-law-slope']"
+        ".map((one) => document.querySelector(one).getBoundingClientRect().bottom)"
     )
     assert ends[0] < ends[1] < ends[2] <= 900
     assert max(ends[3:]) <= 900

@@ -149,6 +149,17 @@ def test_a_simulator_that_fails_there_or_an_interruption_keeps_the_identificatio
     assert repr(result).count("no answer to") == 3
 
 
+def test_a_defect_keeps_the_identification(monkeypatch: pytest.MonkeyPatch) -> None:
+    def defective(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("by design")
+
+    monkeypatch.setattr(Identification, "probability", defective)
+    result = found(way, EVENT, vectorized=True)
+    assert result.sound
+    assert (result.answers[0].status, result.answers[0].probability) == ("failed", None)
+    assert "ZeroDivisionError: by design" in result.answers[0].reason
+
+
 def test_runs_are_counted_once_and_a_budget_holds() -> None:
     calls: list[tuple[float, float]] = []
 

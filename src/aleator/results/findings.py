@@ -306,7 +306,7 @@ def _share(answer: OutcomeAnswer, thresholds: Thresholds = THRESHOLDS) -> str:
     low, high = (NONE if end is None else chance(end) if rare else _percent(end) for end in ends)
     sure = f" (95 % interval {low.removesuffix(' %')} to {high})"
     told = f"with probability {chance(value)}" if rare else f"in {_percent(value)} of experiments"
-    return told if None in ends else f"{told}{sure}"
+    return told if None in ends or ends == (value, value) else f"{told}{sure}"
 
 
 def _percent(share: float) -> str:

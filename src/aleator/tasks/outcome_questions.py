@@ -127,6 +127,9 @@ def with_answers(
                 made += _answers(asking, question, ledger)
             except AleatorError as error:
                 made.append(_unanswered(asking, question, "failed", error.problem))
+            except Exception as error:  # A defect does not cost the identification either.
+                defect = f"of a defect of Aleator ({type(error).__name__}: {error})"
+                made.append(_unanswered(asking, question, "failed", defect))
             except KeyboardInterrupt:
                 rest = [_unanswered(asking, q, "interrupted", STOPPED) for q in questions[place:]]
                 made += rest
