@@ -96,6 +96,9 @@ def test_a_command_has_the_defaults_of_its_function_and_its_help_tells_them(
 
 
 def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Path) -> None:
+    study.write_text(f"{SPRINGS}[[questions]]\ntolerance = [0.95, 0.9]\nat = {{load = 10}}\n")
+    told = done("check", study, "--output", "checked", "--no-figures").stdout
+    assert "1 question of the study" in told
     texts = []
     for folder in ("result", "again"):
         shown = done("identify", study, "--output", folder, "--seed", 5)
@@ -111,6 +114,11 @@ def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Pat
     assert document["alpha"]["softness.mean"]["estimate"] == pytest.approx(1.02, abs=0.05)
     assert document["surface"]["estimates_error"] < 0.2
     assert [entry["id"] for entry in document["experiments"]] == [*"ABCDEFGH"]
+    (answer,) = document["answers"]
+    assert answer["at"] == {"load": 10.0}
+    assert 5.0 < answer["lower"] < 10.0 * 1.02 < answer["upper"] < 15.0
+    assert f"between {answer['lower']:.3g} and {answer['upper']:.3g}" in shown.stdout
+    assert document["runs_by_stage"]["questions"] > 0
     assert "softness.mean" in shown.stdout
     assert "search ..." in shown.stderr
     assert Path("springs/runs.sqlite").exists()

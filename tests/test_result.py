@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal
 from aleator.errors import AleatorError, InputsError
 from aleator.results.documents import to_json
 from aleator.results.law import JointLaw
+from aleator.results.values import OutcomeAnswer
 from aleator.views.identification import render
 
 LOAD = np.arange(1.0, 13.0)
@@ -182,7 +184,8 @@ def test_whatever_a_file_holds_is_told_or_can_be_printed(
     found: Identification, tmp_path: Path
 ) -> None:
     """Each entry of the file is left out, or becomes something else."""
-    whole = json.loads(to_json(found.to_dict()))
+    answer = OutcomeAnswer("length", {"load": 3.0}, True, "length > 3", probability=0.5)
+    whole = json.loads(to_json(replace(found, answers=(answer,)).to_dict()))
     refused = printed = 0
     for *above, last in _entries(whole):
         for value in (None, 10**400, {"a": 1}):

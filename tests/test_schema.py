@@ -71,6 +71,8 @@ def test_it_takes_the_studies_of_the_pages() -> None:
         "[propagation]\nmethod = 'collocation'\nnodes = {rule = 'sobol', points = 64}",
         "[density]\nkind = 'maximum_entropy'\norder = 6",
         "[derived]\nc = 'a + 1'",
+        "[[questions]]\nprobability = 'travel > 26'\nat = {force = 50, oil = 'a'}\nnoise = false",
+        "[[questions]]\ntolerance = [0.95, 0.9]\nside = 'upper'\noutcome = 'travel'",
     ],
 )
 def test_it_takes_what_the_other_sections_may_have(addition: str) -> None:

@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
+from aleator.inference.outcome_question import Tolerance
 from aleator.laws import (
     Beta,
     By,
@@ -31,6 +32,7 @@ from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import Collocation
 from aleator.observations.correlated import AR1, CAR1, CompoundSymmetry
 from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions
 from aleator.observations.model import StudentError
 from aleator.observations.noise import Noise
 from aleator.observations.state_space import GaussianProcess
@@ -139,6 +141,17 @@ def test_other_choices(folder: Path) -> None:
     assert study.inputs.laws["stiffness"] == Normal(Free(0.6, 1.4, 1.0), Free(0.005, 0.3))
 
 
+def test_questions_are_about_one_new_experiment_each(folder: Path) -> None:
+    text = changed(r"\[search\]", asking("probability = '3 < length <= 4'\nnoise = false"))
+    text += "[[questions]]\ntolerance = [0.95, 0.9]\nside = 'lower'\nat = {load = 2.5}\n"
+    event, limits = loaded(folder, text).questions
+    assert (event.probability, event.noise, event.limits) == ("3 < length <= 4", False, None)
+    assert limits.limits == Tolerance(0.95, 0.9, "lower")
+    assert isinstance(limits.at, Conditions)
+    assert limits.at.conditions["load"].tolist() == [2.5]
+    assert loaded(folder).questions == ()
+
+
 def test_the_command_line_overrides(folder: Path) -> None:
     study = loaded(folder).overridden(seed=9, starts=2, verified=False)
     assert (study.seed, study.search.starts, study.verification.samples) == (9, 2, 0)
@@ -155,6 +168,11 @@ def test_new_conditions_are_read_as_the_table_was(folder: Path) -> None:
     new.write_text("laod\n10\n")
     with pytest.raises(ExperimentsError, match=r"'load'.*'laod'"):
         study.read_conditions(new)
+
+
+def asking(what: str, at: str = "load = 1") -> str:
+    """A question in front of the section `[search]`."""
+    return f"[[questions]]\n{what}\nat = {{{at}}}\n[search]"
 
 
 BAD = {
@@ -181,7 +199,22 @@ BAD = {
     "no function": (":length", ":lenth", ["'simulator.function'", "'length'"]),
     "no argument": (r"parameters\.offset", "parameters.ofset", ["'ofset'", "'offset'"]),
     "toml": ("seed = 3", "seed = ", ["not TOML", "line 2", "'seed ='"]),
-}
+    "no such event": (r"\[search\]", asking("probability = 'lenth > 3'"), ["s[0]'", "'length'"]),
+    "no such limits": (r"\[search\]", asking("tolerance = [95, 0.9]"), ["questions[0]'", "95"]),
+    "nothing asked": (r"\[search\]", asking("noise = false"), ["questions[0]'", "> 26"]),
+    "both asked": (r"\[search\]", asking("probability = 'length > 3'\ntolerance = [0.9, 0.9]"),
+                   ["questions[0]'", "both"]),
+    "no condition": (r"\[search\]", asking("probability = 'length > 3'", "laod = 1"),
+                     ["questions[0].at'", "'load'"]),
+    "a condition lacks": (r"\[search\]", asking("probability = 'length > 3'", ""),
+                          ["questions[0].at'", "load=..."]),
+    "a text for a condition": (r"\[search\]", asking("probability = 'length > 3'", "load = 'x'"),
+                               ["questions[0].at'", "'x'"]),
+    "two values": (r"\[search\]", asking("probability = 'length > 3'", "load = [1, 2]"),
+                   ["questions[0].at.load'", "is a list"]),
+    "a key of a question": (r"\[search\]", asking("event = 'length > 3'"),
+                            ["questions[0].event'", "probability"]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), BAD.values(), ids=BAD)

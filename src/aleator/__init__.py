@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aleator.errors import AleatorError as AleatorError
     from aleator.inference.check import Check as Check
+    from aleator.inference.outcome_question import OutcomeQuestion as OutcomeQuestion
     from aleator.laws import Beta as Beta
     from aleator.laws import Between as Between
     from aleator.laws import By as By
@@ -122,6 +123,7 @@ _HOMES = {
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
     "inference.check": ["Check"],
+    "inference.outcome_question": ["OutcomeQuestion"],
     "views.progress": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip

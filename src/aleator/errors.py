@@ -107,6 +107,20 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     return f" (did you mean '{close[0]}'?)" if close else ""
 
 
+def described(value: object) -> str:
+    """What a wrong argument is, in a few words.
+
+    >>> described(AleatorError), described([1.0, 2.0]), described("a")
+    ('the class AleatorError', 'a list', "'a'")
+    """
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, str | int | float | bool) or value is None:
+        return repr(value)
+    kind = type(value).__name__
+    return f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"
+
+
 def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
     """The path of a key in a file, such as `box[1]`, from the location of a pydantic error.
 

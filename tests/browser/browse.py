@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 from browser.chromium import Page, chromium
 
-from aleator import Check, Experiments, Free, Inputs, Noise, Normal, identify
+from aleator import Check, Experiments, Free, Inputs, Noise, Normal, OutcomeQuestion, identify
 from aleator.tasks.identification import pictured
 
 OUT = Path(__file__).parents[2] / "out" / "browser"
@@ -48,6 +48,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 "slope": Normal(Free(0.0, 2.0), Free(0.0, 1.0))}),
         noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=Check(0), best_law=False,
         units={"way": r"$$mm^2$$ \(a\) \[b\]", "start": "$$mm$$"},
+        questions=[OutcomeQuestion(probability="way > 5", at={"time": 2.0}, noise=False),
+                   OutcomeQuestion(tolerance=(0.95, 0.9), at={"time": 2.0})],
     )  # fmt: skip
     path = tmp_path_factory.mktemp("report") / "report.html"
     pictured(found).report().save(path)
@@ -250,12 +252,15 @@ def test_at_two_widths_nothing_is_wider_than_the_window(page: Page, file: Path) 
 def test_the_answer_is_on_the_first_screen(page: Page, file: Path) -> None:
     page.open(file)
     ends = page.ask(
-        "['.findings', '.verdicts', '#plot-outcomes', '#plot-law-start'].map((one) =>"
-        " document.querySelector(one).getBoundingClientRect().bottom)"
+        "['.findings', '.verdicts', '#plot-outcomes', '#plot-law-start', '#plot-law-slope']"
+        ".map((one) => document.querySelector(one).getBoundingClientRect().bottom)"
     )
     assert ends[0] < ends[1] < ends[2] <= 900
-    assert ends[3] <= 900
-    assert page.ask("document.querySelector('.findings').textContent").count("95 %") >= 3
+    assert max(ends[3:]) <= 900
+    told = page.ask("document.querySelector('.findings').textContent")
+    assert told.count("95 %") >= 3
+    assert "the true way exceeds 5" in told
+    assert "(90 % confidence)" in told
 
 
 BARRIERS = """axe.run(document, {resultTypes: ['violations']}).then((found) =>

@@ -27,10 +27,10 @@ from aleator import (
 )
 from aleator.core.progress import Silent
 from aleator.inference.design import expected_scores
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions
 from aleator.simulators import as_runner
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.probability_gradient import event_gradient
 from aleator.tasks.session import Session
 

@@ -264,6 +264,42 @@ def test_where_several_conditions_decide_each_row_has_its_own_span() -> None:
     assert len(chart.marks[0].array("x")) == 4
 
 
+def test_rows_stand_one_name_of_a_column_after_the_other_where_predictions_depend_on_it() -> None:
+    force, maker = [3.0, 1.0, 2.0, 1.0, 2.0, 2.5], ["B", "A", "B", "B", "A", "A"]
+    document = spring(force=force, maker=maker, observer=["x", "y", "y", "x", "x", "y"])
+    for k, row in enumerate(document["experiments"]):
+        more = 5.0 * (k % 2) + 3.0 * (maker[k] == "A")
+        row["quantiles"] = {p: q + more for p, q in row["quantiles"].items()}
+    document["pictures"]["conditions"]["speed"] = [1.0, 2.0] * 3
+    (seen,) = measured(document)
+    chart = outcome_chart(seen, seen.series(), None, noise=False)
+    points = chart.marks[-1]
+    x, ids = points.array("x"), np.array(chart.source.columns["id"])
+    middle = seen.array("q0.5")[[int(one) for one in ids]]
+    (a, first), (b, second) = chart.x.names
+    assert (first, second) == ("A", "B")
+    own = {name: x[[maker[int(one)] == name for one in ids]] for name in "AB"}
+    assert own["A"].min() < a < own["A"].max() < own["B"].min() < b < own["B"].max()
+    for name in "AB":
+        rows = [maker[int(one)] == name for one in ids]
+        assert np.all(np.diff(middle[rows][np.argsort(x[rows])]) >= 0.0)
+
+
+@pytest.mark.parametrize(("effect", "names"), [(0.0, []), (0.5, ["x", "y"])])
+def test_a_column_on_which_no_prediction_depends_is_not_on_the_axis(
+    effect: float, names: list[str]
+) -> None:
+    rows = [(a, b, c, who) for a in (0.0, 1.0) for b in (0.0, 1.0) for c in (0.0, 1.0)
+            for who in "xy"]  # fmt: skip
+    force = [1.0 + a + 2.0 * b + 4.0 * c + effect * (who == "y") for a, b, c, who in rows]
+    document = spring(force=force)
+    document["pictures"]["conditions"] = dict(zip("abc", zip(*rows, strict=True), strict=False))
+    document["pictures"]["conditions"]["who"] = [who for *_, who in rows]
+    (seen,) = measured(document)
+    chart = outcome_chart(seen, seen.series(), None, noise=False)
+    assert [name for _, name in chart.x.names] == names
+
+
 def test_two_conditions_that_decide_together_are_told_apart_by_color() -> None:
     """Widths of 0.4 on a range of 60 could not be seen: deviations from the median are drawn."""
     document = spring(force=[1.0, 1.0, 50.0, 50.0, 1.0], speed=[1.0, 3.0, 1.0, 3.0, 3.0])

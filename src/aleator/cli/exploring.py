@@ -27,6 +27,8 @@ from aleator.cli.running import (
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
+from aleator.inference.outcome_event import OutcomeEvent
+from aleator.results.printed import count
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -36,13 +38,13 @@ from aleator.tasks.first_look import (
     fixed_noise,
     planned_look,
 )
+from aleator.tasks.new_experiments import Exploration
 from aleator.tasks.next_experiment import (
     Predicted,
     next_experiments,
     require_enough_candidates,
     require_free,
 )
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.screen import SCREEN, screen
 from aleator.views import planning
 from aleator.views.figures import save_check, save_sensitivity
@@ -129,6 +131,13 @@ def check(
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return
+    events = sum(question.probability is not None for question in value.questions)
+    if value.questions and cost is not None and not cost.direct:
+        also = f", and of {count(events, 'event')} some {Exploration().runs} runs or more each"
+        click.echo(
+            f"{count(len(value.questions), 'question')} of the study: the runs of a surface for "
+            f"each, not counted above{also if events else ''}"
+        )
     if planning.to_mend(document):
         again = f"then aleator check {short(work.file)} again"
         click.echo(f"Next: look at these values and the limits, {again}")

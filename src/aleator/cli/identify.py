@@ -215,7 +215,9 @@ def identify(
         options.shown(folder, value.title or name_of(study)) as progress,
     ):
         budget = Budget(max_runs, max_hours)
-        result = identified(value, runner, progress, best_law=True, budget=budget)
+        result = identified(
+            value, runner, progress, best_law=True, budget=budget, questions=value.questions
+        )
         if not no_figures:
             result = pictured(result, progress)
     simulator = {
@@ -235,6 +237,8 @@ def identify(
     if options.watch is not None:
         options.watch.link(files[::-1])
     show_identification(document, [*map(short, files)], details=details, quiet=options.quiet)
+    if any(answer.status == "interrupted" for answer in result.answers):
+        raise KeyboardInterrupt  # What was computed before is written.
 
 
 def show_identification(

@@ -584,6 +584,10 @@ def new(
         if lacking := [p.name for p in proposal.parameters if not p.complete]:
             said = " ".join(f"--parameter {name}=LOW:HIGH" for name in lacking)
             click.echo(f"Or add to the same command: {said} --force")
+    click.echo(
+        f"A question that {short(output)} has is answered with the law: [[questions]], "
+        f'probability = "{proposal.outcomes[0]} > VALUE", at = {{CONDITION = VALUE}}'
+    )
     click.echo(f"Next: aleator check {short(output)}")
 
 

@@ -19,8 +19,8 @@ from aleator.cli.running import (
     makes_runs,
     require_at_most_one,
 )
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.results.documents import plain
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.p_box import require_bounded
 from aleator.views.p_boxes import bounds
 

@@ -30,6 +30,8 @@ from aleator.cli.running import (
 )
 from aleator.core.arithmetic import share_of
 from aleator.errors import AleatorError, short
+from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.outcome_question import Tolerance
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import noise_columns
 from aleator.results import documents
@@ -40,9 +42,7 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import compared
-from aleator.tasks.probability import Tolerance
 from aleator.tasks.session import conditions_at
 from aleator.views import predictions
 

@@ -33,6 +33,7 @@ from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
 from aleator.tasks.new_experiments import Exploration
+from aleator.tasks.outcome_questions import runs_for_condition
 from aleator.tasks.session import Runners, Session, runners_like
 from aleator.views.progress import Receivers, shown_on
 from aleator.views.progress_page import PROGRESS_PAGE, ProgressPage
@@ -305,13 +306,12 @@ def expected_runs(
     As many runs are expected for each as each experiment of the study took. An event takes a round
     of runs more, which look for other regions of it.
     """
-    if not (surface and surface.get("runs") and surface.get("experiments")):
+    each = runs_for_condition(surface, event=event)
+    if not each:
         return
-    each = max(round(surface["runs"] / surface["experiments"]), 1)
     count = len(runner.cases)
     of = f"the new {what}" if count == 1 else f"each of {count} new {what}s"
     round_of_event = Exploration().runs if event else 0
-    each += round_of_event
     runs = f"{each} runs{'' if count == 1 else ' each'}"
     runs += f", {round_of_event} of which look for other regions of the event" if event else ""
     known = None if runner.cache is None else runner.cache.at_start

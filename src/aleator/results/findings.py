@@ -11,8 +11,22 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aleator.results.printed import AMOUNTS, Amounts, Sentence, between, number, percent, with_error
+from aleator.results.printed import (
+    AMOUNTS,
+    NONE,
+    THRESHOLDS,
+    Amounts,
+    Sentence,
+    Thresholds,
+    between,
+    chance,
+    listed,
+    number,
+    percent,
+    with_error,
+)
 from aleator.results.units import transforms, unit_of, units
+from aleator.results.values import OutcomeAnswer, typed
 
 Document = Mapping[str, Any]
 CONSTANT = re.compile(r"^(?P<of>[^.]+)\.value$")
@@ -23,10 +37,11 @@ NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?P<what>sd|relative)$")
 def findings(document: Document) -> tuple[Sentence, ...]:
     """The sentences that a decision needs, in the order of the parameters.
 
-    There is one for the 95 % range of each parameter that scatters, one for each identified
-    constant, one for what was held fixed, one for each identified standard deviation of the
-    measurement noise, and one for the outcome of a new experiment: under each distinct condition of
-    the table if these are at most five, else under the middle one. How sure an end is: half of the
+    There is one for the 95 % range of each parameter that scatters, one for the answer to each
+    question of the study, one for each identified constant, one for what was held fixed, one for
+    each identified standard deviation of the measurement noise, and one for the outcome of a new
+    experiment: under each distinct condition of the table if these are at most five, else under the
+    middle one. How sure an end is: half of the
     width of its 95 % interval (see `LawRange`). Where the interval of a hyperparameter of the law
     runs to its limit, the data do not determine the range; the outer ends of these intervals take
     its place, and the reason is told. What a document lacks is left out.
@@ -37,8 +52,8 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     95 % of experiments: friction 0.1012 to 0.1788 (ends +- 0.0080 and 0.0090, 95 % confidence).
     """
     return (
-        *_laws(document), *_constants(document), *_held(document), *_noise(document),
-        *_new(document),
+        *_laws(document), *_answers(document), *_constants(document), *_held(document),
+        *_noise(document), *_new(document),
     )  # fmt: skip
 
 
@@ -234,6 +249,79 @@ def _estimate(entry: Document, unit: str) -> str:
     }  # fmt: skip
     limit = limits.get(entry.get("cut") or "", "")
     return f"{value}{unit} (95 % interval {ends}{unit}{limit})"
+
+
+# ------------------------------------------------------------------------------- questions
+
+VERBS = {">": "exceeds", ">=": "is at least", "<": "is below", "<=": "is at most"}
+"""How a sentence says that an outcome compares with a number."""
+CAUTIONS = {
+    "unsettled": "more runs of the simulator may change this",
+    "runs_failed": "runs of the simulator fail there",
+    "never": "no parameters within 6.5 standard deviations of the law lead there",
+    "always": "all parameters within 6.5 standard deviations of the law lead there",
+}
+"""What a sentence adds to an answer by its status."""
+
+
+def _answers(document: Document) -> Iterator[Sentence]:
+    """A sentence for each answer to a question: under which conditions, and what was answered."""
+    open_ = "the experiments do not determine the law, so that this may be wrong"
+    for entry in document.get("answers") or ():
+        answer: OutcomeAnswer = typed(OutcomeAnswer, entry)
+        of, unit = answer.outcome, _unit(document, answer.outcome)
+        at = named_values(document, answer.at)
+        beyond = f"beyond the tested conditions: {answer.beyond}" if answer.beyond else ""
+        whose = f"the {'measured' if answer.noise else 'true'} {of}"
+        whose = whose if document.get("quadrature") else of
+        if answer.reason:
+            asked = answer.event or f"limits that hold {percent(answer.content)} of {of}"
+            told = [f"no answer to '{asked}', because {answer.reason}"]
+        elif answer.event is None:
+            told = [_limits(answer, whose, unit)]
+        else:
+            told = [f"{_event(answer, answer.event, whose, unit)} {_share(answer)}"]
+        if not answer.reason:
+            told += [CAUTIONS.get(answer.status, ""), beyond]
+            told += [open_] if document.get("undetermined") else []
+        yield _found(
+            f"At {listed(at)}" if at else "A new experiment", "; ".join(filter(None, told))
+        )
+
+
+def _event(answer: OutcomeAnswer, event: str, whose: str, unit: str) -> str:
+    """An event in words: an outcome, and the number or the two numbers that it is compared with."""
+    sign, _, value = event.removeprefix(f"{answer.outcome} ").partition(" ")
+    if sign in VERBS:
+        return f"{whose} {VERBS[sign]} {value}{unit}"
+    return f"{whose} lies between {event.partition(' ')[0]} and {event.rpartition(' ')[2]}{unit}"
+
+
+def _share(answer: OutcomeAnswer, thresholds: Thresholds = THRESHOLDS) -> str:
+    """How frequent an event is: a share of experiments, or where it is rare a probability."""
+    value, ends = answer.probability, (answer.lower, answer.upper)
+    if value is None:
+        return "with a probability that is not known"
+    rare = min(value, 1.0 - value) < thresholds.rare
+    low, high = (NONE if end is None else chance(end) if rare else _percent(end) for end in ends)
+    sure = f" (95 % interval {low.removesuffix(' %')} to {high})"
+    told = f"with probability {chance(value)}" if rare else f"in {_percent(value)} of experiments"
+    return told if None in ends or ends == (value, value) else f"{told}{sure}"
+
+
+def _percent(share: float) -> str:
+    """A share in percent, with more digits near 0 and 1."""
+    least = min(share, 1.0 - share)
+    return percent(share, 0 if least >= 0.1 or least <= 0.0 else 1 if least >= 0.01 else 2)
+
+
+def _limits(answer: OutcomeAnswer, whose: str, unit: str) -> str:
+    """Tolerance limits in words."""
+    low, high = number(answer.lower, 3), number(answer.upper, 3)
+    one_side = {"upper": f"below {high}{unit}", "lower": f"above {low}{unit}"}
+    where = one_side.get(answer.side, f"between {low} and {high}{unit}")
+    sure = f"({percent(answer.confidence)} confidence)"
+    return f"{whose} of {percent(answer.content)} of experiments lies {where} {sure}"
 
 
 # ------------------------------------------------------------------------------- a new experiment

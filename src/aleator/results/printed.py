@@ -334,6 +334,21 @@ class Content:
         return "\n".join(sentence.text for sentence in self.verdicts)
 
 
+def chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
+    """The text of a probability; if it is near 1, as 1 minus a small number.
+
+    >>> chance(0.1234), chance(2.5e-5), chance(1.0 - 2.5e-5)
+    ('0.123', '2.50e-05', '1 - 2.50e-05')
+    """
+    if math.isnan(value):
+        return NONE
+    if 0.0 < value < thresholds.rare:
+        return f"{value:.{digits - 1}e}"
+    if 1.0 - thresholds.rare < value < 1.0:
+        return f"1 - {1.0 - value:.{digits - 1}e}"
+    return number(value, digits)
+
+
 def listed(names: Sequence[str]) -> str:
     """Names as a sentence has them.
 

@@ -26,6 +26,7 @@ from aleator.results.values import (
     LawRange,
     LogLikelihoodReport,
     ObservationReport,
+    OutcomeAnswer,
     ParameterCorrelation,
     Plain,
     plain_fields,
@@ -50,7 +51,8 @@ class Result(Plain):
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
     the 95 % range of each scattering parameter, by name (`LawRange`). `search`, `surface`,
     `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document, with None
-    for a number that JSON cannot hold. `runs` are the different runs that were needed,
+    for a number that JSON cannot hold. `answers` are those to the questions about outcomes of new
+    experiments that `identify` was asked. `runs` are the different runs that were needed,
     stored ones included. About the square root of their number, at most 24, and the first one are
     made a second time, to check that outcomes repeat.
 
@@ -94,6 +96,7 @@ class Result(Plain):
     propagation_reason: str = ""
     levels: Mapping[str, str] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
+    answers: tuple[OutcomeAnswer, ...] = ()
 
     def __post_init__(self) -> None:
         if self.observations:

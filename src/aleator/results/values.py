@@ -129,6 +129,34 @@ class Estimate(Plain):
 
 
 @dataclass(frozen=True)
+class OutcomeAnswer(Plain):
+    """The answer to a question about one outcome of a new experiment (`OutcomeQuestion`).
+
+    It is the row of `Identification.probability` for the `event`, or of `Identification.tolerance`
+    for the limits of a `content`, a `confidence` and a `side`. `at` are the conditions, and `noise`
+    says whether the measured or the true value is meant. `lower` and `upper` are the 95 % interval
+    of the `probability`, or the limits. `error` is the standard error of the computation. `beyond`
+    says how far the conditions lie outside those of the experiments, in words. Without an answer
+    the `status` is "failed" or "interrupted", and `reason` says why.
+    """
+
+    outcome: str
+    at: Mapping[str, Any]
+    noise: bool
+    event: str | None = None
+    content: float | None = None
+    confidence: float | None = None
+    side: str = "both"
+    probability: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    error: float | None = None
+    beyond: str = ""
+    status: str = "solved"
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class LawEnds(Plain):
     """The two ends of the range that holds 95 % of a law, and how sure they are.
 

@@ -26,6 +26,7 @@ from aleator.errors import (
 )
 from aleator.fit.question import Choices, varying_conditions
 from aleator.inference.check import Check
+from aleator.inference.outcome_question import OutcomeQuestion, require_laws_at
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -44,6 +45,7 @@ from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
     NoiseSection,
+    QuestionSection,
     StudyFile,
     columns_of,
     pairs,
@@ -175,7 +177,7 @@ class Study:
     maximized, `small_sample` that intervals are adjusted for few experiments. A failed run is
     repeated `retries` times; a share of failures above `max_failed` stops a study. `units` has the
     units of outcomes, conditions and parameters; a unit in the study file takes precedence over the
-    unit in an FMU.
+    unit in an FMU. `questions` are answered with the law, each about one new experiment.
     """
 
     file: Path
@@ -197,6 +199,7 @@ class Study:
     retries: int
     max_failed: float
     units: Mapping[str, str]
+    questions: tuple[OutcomeQuestion, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -299,13 +302,13 @@ class Study:
             )
         return found
 
-    def stated_conditions(self, columns: Mapping[str, Sequence[str]]) -> Conditions:
-        """New conditions from texts by name; a name with one text has it in every row.
+    def stated_conditions(self, columns: Mapping[str, Sequence[str | float]]) -> Conditions:
+        """New conditions from values by name; a name with one value has it in every row.
 
-        Numbers have the decimal sign of the study's table.
+        Numbers that are texts have the decimal sign of the study's table.
 
         Raises InputsError for a name that is no column of the table, a condition that is missing,
-        and unequal numbers of texts; ExperimentsError for a text where a number is needed.
+        and unequal numbers of values; ExperimentsError for a text where a number is needed.
         """
         import pandas as pd
 
@@ -376,7 +379,36 @@ def load_study(path: str | Path) -> Study:
     study = _build(file, path, hashlib.sha256(raw).hexdigest())
     _check(study, file)
     _made(path, f"simulator.{file.simulator.kind}", study.runner)
-    return study
+    asked = [_question(study, f"questions[{k}]", each) for k, each in enumerate(file.questions)]
+    return replace(study, questions=tuple(asked))
+
+
+def _question(study: Study, key: str, section: QuestionSection) -> OutcomeQuestion:
+    """A question of a study, about one of its outcomes and under conditions that are known.
+
+    Raises StudyError or SimulatorError, with the key, for any other.
+    """
+    at = _made(study.file, f"{key}.at", lambda: _asked_at(study, section))
+    asked = _made(study.file, key, lambda: section.build(at))
+    seen = study.experiments.observations.responses
+    _made(study.file, key, lambda: asked.require_outcome(seen, study.units))
+    return asked
+
+
+def _asked_at(study: Study, section: QuestionSection) -> Conditions:
+    """The conditions of a question, under which the simulator, the laws and the noise are known."""
+    import pandas as pd
+
+    columns, inputs = study.inputs.columns, study.inputs
+    if section.at or study.taken or inputs.covariates:
+        found = study.stated_conditions({name: [value] for name, value in section.at.items()})
+    else:
+        seen = study.experiments.observations.responses
+        found = Conditions(("1",), pd.DataFrame(index=[0]), responses=seen)
+    study.runner(found)
+    resolved = inputs.resolved(covariates(study.experiments, columns)) if columns else inputs
+    require_laws_at(found, resolved, study.noise if section.noise else None)
+    return found
 
 
 def _check(study: Study, file: StudyFile) -> None:

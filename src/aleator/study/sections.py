@@ -19,11 +19,12 @@ from pydantic import (
 
 from aleator.errors import StudyError
 from aleator.inference.check import Check
+from aleator.inference.outcome_question import OutcomeQuestion
 from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.observations import tables
 from aleator.observations.correlated import AR1, CAR1, CompoundSymmetry, ErrorCorrelation
-from aleator.observations.experiments import Experiments
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.model import NormalError, ObservationModel, StudentError
 from aleator.observations.noise import Noise
 from aleator.observations.outcomes import Censored, Censoring
@@ -444,6 +445,32 @@ class IntervalsSection(Section):
     small_sample: bool = False
 
 
+Value = Annotated[
+    Annotated[FiniteFloat, Tag("number")] | Annotated[str, Tag("text")],
+    BY_FORM,
+]
+"""The type of the value of a condition: a number, or a text."""
+
+
+class QuestionSection(Section):
+    """`[[questions]]`: a question about the outcome of a new experiment, which identify answers."""
+
+    probability: str | None = None
+    tolerance: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] | None = None
+    at: dict[str, Value] = Field(default_factory=dict)
+    side: Literal["both", "upper", "lower"] = "both"
+    outcome: str | None = None
+    noise: bool = True
+
+    def build(self, at: Conditions) -> OutcomeQuestion:
+        """The question about a new experiment under the conditions `at`."""
+        asked = self.tolerance
+        return OutcomeQuestion(
+            probability=self.probability, tolerance=None if asked is None else (asked[0], asked[1]),
+            at=at, side=self.side, outcome=self.outcome, noise=self.noise,
+        )  # fmt: skip
+
+
 class StudyFile(Section):
     """The whole of study.toml: its sections, with the defaults of those that it lacks."""
 
@@ -465,3 +492,4 @@ class StudyFile(Section):
     verification: VerificationSection = VerificationSection()
     likelihood: LikelihoodSection = LikelihoodSection()
     intervals: IntervalsSection = IntervalsSection()
+    questions: list[QuestionSection] = Field(default_factory=list)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from aleator.errors import AleatorError, ExperimentsError, InputsError
+from aleator.errors import AleatorError, ExperimentsError, InputsError, described
 from aleator.laws import Free
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law
@@ -171,17 +171,3 @@ def require_kind(
         right = isinstance(value, kind) and not isinstance(value, bool)
     if not right:
         raise AleatorError(f"{name} is {described(value)}", f"write {name}={example}")
-
-
-def described(value: object) -> str:
-    """What a wrong argument is, in a few words.
-
-    >>> described(Noise), described([1.0, 2.0]), described("a")
-    ('the class Noise', 'a list', "'a'")
-    """
-    if isinstance(value, type):
-        return f"the class {value.__name__}"
-    if isinstance(value, str | int | float | bool) or value is None:
-        return repr(value)
-    kind = type(value).__name__
-    return f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"

@@ -17,6 +17,8 @@ from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
+from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.outcome_question import Tolerance
 from aleator.inference.pictures import PICTURES, opening_pictures, pictures
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -28,10 +30,9 @@ from aleator.simulators import Runner, Simulator, Store, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.arguments import AnyNoise, Laws, RequestedConditions, inputs_of, noise_of
 from aleator.tasks.event_points import SAMPLE
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.p_box import PBox, p_box_of, require_one_law
 from aleator.tasks.prediction import PREDICTION
-from aleator.tasks.probability import Tolerance, limits, probabilities, requested_responses
+from aleator.tasks.probability import limits, probabilities, requested_responses
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from aleator.fit.stored_fit import keep_surfaces
 from aleator.inference.check import Check
 from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
+from aleator.inference.outcome_question import OutcomeQuestion
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.units import checked_units
@@ -37,6 +38,7 @@ from aleator.tasks.arguments import (
 )
 from aleator.tasks.ceiling import best_possible
 from aleator.tasks.identification import Identification
+from aleator.tasks.outcome_questions import require_answerable, with_answers
 from aleator.tasks.session import Session, runners_like
 
 if TYPE_CHECKING:
@@ -71,6 +73,7 @@ def identify(
     jac: bool | Callable[..., Any] = False,
     restricted: bool = False,
     small_sample: bool = False,
+    questions: Sequence[OutcomeQuestion] = (),
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -104,7 +107,10 @@ def identify(
     later runs change nothing. `units` of outcomes, conditions and parameters are only
     displayed. `restricted` maximizes the restricted likelihood (REML), for variances from few
     experiments. `small_sample` adjusts the intervals for few experiments by Skovgaard's modified
-    signed root of the profile (see docs/statistics/intervals.md); the estimates stay.
+    signed root of the profile (see docs/statistics/intervals.md); the estimates stay. `questions`
+    about outcomes of new experiments are answered at the end (`OutcomeQuestion`): `answers` of the
+    result, which the report states in sentences. A question that cannot be answered, or was
+    interrupted, says why, and the rest of the result is there.
 
     Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
     on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
@@ -125,6 +131,8 @@ def identify(
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac, series)
+    responses, runners = table.observations.responses, runners_like(runner, table)
+    require_answerable(questions, Session(inputs, noise, responses, table, runners), shown)
     runner.repeat_some()
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())
@@ -137,7 +145,16 @@ def identify(
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
     keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
-    return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
+    taken = (*runner.used_conditions, *inputs.columns)
+    found = _judged(found, taken, consistency, best_law, ledger)
+    if questions:
+        found = with_answers(found, questions, runner, ledger)
+    return replace(
+        found,
+        runs=sum(ledger.runs.values()),
+        runs_by_stage=dict(ledger.runs),
+        seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
+    )
 
 
 def _judged(
@@ -159,12 +176,7 @@ def _judged(
         with ledger.stage("best possible law"):
             best = best_possible(found.fit, found.seed, ledger.progress)
         found = replace(found, best_possible=best)
-    return replace(
-        found,
-        runs=sum(ledger.runs.values()),
-        runs_by_stage=dict(ledger.runs),
-        seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
-    )
+    return found
 
 
 def _require_settings(

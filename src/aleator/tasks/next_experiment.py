@@ -26,6 +26,7 @@ from aleator.inference.design import (
     repetitions,
 )
 from aleator.inference.fit import Fit
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions, unmeasured
@@ -35,7 +36,6 @@ from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import PredictionContext
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.probability_gradient import EventGradient, event_gradient
 
 ALL = "all"

@@ -28,6 +28,7 @@ from aleator.inference.extremes import (
     extremes,
     extremes_with_uncertainty,
 )
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.profile import DROP, ENDS
 from aleator.inference.rare_events import Event
 from aleator.laws import Hyperparameter
@@ -54,7 +55,6 @@ from aleator.tasks.new_experiments import (
     predictor_for,
     simulated,
 )
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import PREDICTION, in_rows
 from aleator.tasks.probability import (
     CERTAIN,

@@ -6,7 +6,6 @@ An event is an outcome above a value, below a value, or between two values.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 import pandas as pd
@@ -18,8 +17,9 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
+from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.outcome_question import Tolerance
 from aleator.inference.rare_events import CrossEntropy, Event, content_interval, quantile_bound
-from aleator.tasks.arguments import described
 from aleator.tasks.event_points import (
     SAMPLE,
     Correction,
@@ -45,7 +45,6 @@ from aleator.tasks.new_experiments import (
     PredictedValue,
     PredictionContext,
 )
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import PREDICTION, in_rows
 
 
@@ -403,30 +402,6 @@ class ToleranceSettings:
 
 
 LIMITS = ToleranceSettings()
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """The definition of a tolerance interval or of a one-sided tolerance limit.
-
-    The share `content` of all outcomes lies inside with this `confidence`. The `side` is "both" for
-    two limits, "upper" for outcomes below one limit, or "lower" for outcomes above one. Raises
-    InputsError for another side, and for shares that are not between zero and one.
-    """
-
-    content: float = 0.95
-    confidence: float = 0.95
-    side: str = "both"
-
-    def __post_init__(self) -> None:
-        for name, value in (("content", self.content), ("confidence", self.confidence)):
-            if not (isinstance(value, Real) and 0.0 < value < 1.0):
-                raise InputsError(
-                    f"{name} = {described(value)} of tolerance limits is no share between 0 and 1",
-                    "write found.tolerance(0.95, 0.90, at=...): the content, then the confidence",
-                )
-        if self.side not in ("both", "upper", "lower"):
-            raise InputsError(f"side '{self.side}'", 'it is "both", "upper" or "lower"')
 
 
 def limits(

@@ -16,10 +16,10 @@ from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.rare_events import Event, ImportanceDensity, uniform_points
 from aleator.tasks.event_points import Sample, points_at, variates
 from aleator.tasks.new_experiments import CONTEXT, PredictedValue, PredictionContext
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.probability import event_on_surface, requested_responses
 
 

@@ -252,7 +252,7 @@ class Session:
                 "measured, and their law given these is not computed",
                 "predict without the errors (noise=False, --no-noise), or predict new experiments",
             )
-        conditions = self._asked(at, of)
+        conditions = self.requested(at, of)
         runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
         assert inputs is not None
         known = None if of is None else self._measured(conditions, alpha, of)
@@ -269,10 +269,11 @@ class Session:
             self.experiments,
         )
 
-    def _asked(self, at: RequestedConditions, of: str | None) -> Conditions:
+    def requested(self, at: RequestedConditions, of: str | None = None) -> Conditions:
         """The conditions that `at` gives; for None those of the experiments.
 
-        Raises InputsError for a name in a mapping that is no column of the experiments.
+        Raises InputsError for a name in a mapping that is no column of the experiments, and
+        ExperimentsError for a text where the experiments have numbers.
         """
         if isinstance(at, Conditions):
             return at
@@ -311,6 +312,7 @@ class Session:
             frame,
             id=table.id if table.id in frame else None,
             conditions=[name for name in taken if name in frame],
+            numbers=[name for name in taken if table.conditions[name].dtype != object],
             responses=self.responses,
         )
 

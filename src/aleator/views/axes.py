@@ -150,6 +150,8 @@ def draw(chart: Chart, axes: Axes) -> Axes:
         dash = "--" if rule.color == GRAY else "-"
         line(rule.at, color=rule.color, lw=1, ls=dash, zorder=1)
     axes.set(xlabel=chart.x.title, ylabel=chart.y.title)
+    if chart.x.names:
+        axes.set_xticks([at for at, _ in chart.x.names], [name for _, name in chart.x.names])
     if chart.y.log:
         from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 

@@ -96,12 +96,14 @@ class Series:
 class Axis:
     """An axis of a chart: its title with the unit, and its scale.
 
-    `log` means a logarithmic axis, `share` an axis of percentages.
+    `log` means a logarithmic axis, `share` an axis of percentages. `names` are texts in place of
+    numbers, each with its place.
     """
 
     title: str
     log: bool = False
     share: bool = False
+    names: Sequence[tuple[float, str]] = ()
 
 
 Shape = Literal["line", "lines", "band", "spans", "points", "bars", "cells", "contour"]

@@ -246,6 +246,9 @@ def axis(of: Axis) -> BokehModel:
     }  # fmt: skip
     if of.share:
         has["formatter"] = BokehModel("NumeralTickFormatter", {"format": "0.[0000] %"})
+    if of.names:
+        has["ticker"] = BokehModel("FixedTicker", {"ticks": [at for at, _ in of.names]})
+        has["major_label_overrides"] = _map(dict(of.names))
     return BokehModel("LogAxis" if of.log else "LinearAxis", has)
 
 
@@ -286,7 +289,7 @@ def _legend(plot: Plot) -> list[BokehModel]:
     return [BokehModel("Legend", has)]
 
 
-def _map(entries: Mapping[str, Any]) -> Data:
+def _map(entries: Mapping[Any, Any]) -> Data:
     return {"type": "map", "entries": [[key, each] for key, each in entries.items()]}
 
 

@@ -20,7 +20,7 @@ from aleator.views.outcome_charts import Individuals, hover, lines_of, predicted
 
 Document = Mapping[str, Any]
 HEIGHT = 300
-"""The height of a chart in pixels: both rows fit on the first screen."""
+"""The height of a chart in pixels: the first row of charts fits on the first screen."""
 COLUMNS = tuple(f"q{p}" for p in QUANTILES)
 GROUP_LOOKS = (
     (chart.BLUE, "solid"),
@@ -53,6 +53,8 @@ class OpeningSettings:
     """
     curves: int = 8
     """The most experiments whose series are drawn as curves."""
+    gap: float = 0.04
+    """Distance between the rows of two names on the axis, as a share of the number of all rows."""
     apart: float = 0.08
     """Distance between the bars of two values of the second condition, as a share of the least
     distance between two values of the first.
@@ -70,14 +72,12 @@ def opening_charts(
 ) -> Iterator[Chart]:
     """The outcomes of the `first` response in the bands of the law, and the first laws.
 
-    One law stands beside the outcomes; several have a row of their own.
+    The laws stand beside the outcomes, two of them in the same row of a page.
     """
-    names = opening_laws(document)
     if first is not None and first[0].by_law and len(first[0]):
         noise = bool(document.get("quadrature"))
-        chart = outcome_chart(*first, varying(document), noise=noise)
-        yield replace(chart, wide=len(names) > 1)
-    for name in names:
+        yield outcome_chart(*first, varying(document), noise=noise)
+    for name in opening_laws(document):
         yield replace(law_chart(document, name, individuals, ceiling), height=HEIGHT)
 
 
@@ -94,9 +94,10 @@ def outcome_chart(
     x is the condition that alone determines the prediction: the column `series` that varies within
     experiments, else the condition that orders the predicted medians best. If no condition alone
     does, experiments with the same other conditions are drawn over the `series`, each a curve
-    (see `_alike`). Without a series, a second condition of
-    few values has a color for each; else all outcomes are drawn from the lowest predicted median
-    to the highest. Deviations from the median are drawn where the bands would be a hair (see
+    (see `_alike`). Without a series, a second condition of few values has a color for each; else
+    all outcomes are drawn from the lowest predicted median to the highest, one after the other for
+    each of a few names in a column (see `_by_name`). Deviations from the median are drawn where the
+    bands would be a hair (see
     `OpeningSettings.hair`). `source` has the rows that are drawn as points.
     """
     caption = _caption(seen, noise=noise)
@@ -127,10 +128,65 @@ def outcome_chart(
             return replace(made, marks=[*bands, curve, points])
     if choice is not None and series is None and (second := _second(seen, choice)) is not None:
         return _bars(drawn, choice, second, caption)
+    factor = _factor(seen)
+    if factor is not None:
+        drawn, axis = _by_name(drawn, factor)
+        source = drawn.thinned().named_series("by-name")
+    made = predicted_chart(drawn, source)
     return replace(
-        predicted_chart(drawn, source), name="outcomes", title=_title(seen), caption=caption,
-        height=HEIGHT, switched=False, wide=False,
+        made, name="outcomes", title=_title(seen), caption=caption, height=HEIGHT, switched=False,
+        wide=False, x=made.x if factor is None else axis,
     )  # fmt: skip
+
+
+def _factor(seen: MeasuredValues, settings: OpeningSettings = OPENING) -> AxisChoice | None:
+    """The first column of a few names on which the predictions depend, as far as the rows tell.
+
+    They do not depend on it if rows that differ in nothing else have equal predictions.
+    """
+    named = [one for one in seen.choices if one.name]
+    width = np.nan_to_num(seen.array("q0.975") - seen.array("q0.025"), nan=np.inf)
+    for one in named:
+        values = {*seen.columns[one.key]}
+        if one.labels is None or None in values or not 1 < len(values) <= settings.groups:
+            continue
+        others = [seen.columns[other.key] for other in named if other != one]
+        alike: dict[tuple[Any, ...], list[int]] = {}
+        for k in range(len(seen)):
+            alike.setdefault(tuple(column[k] for column in others), []).append(k)
+        middle, told = seen.array("q0.5"), False
+        for rows in alike.values():
+            told |= len({seen.columns[one.key][k] for k in rows}) > 1
+            if np.ptp(middle[rows]) > settings.alike * width[rows].max():
+                return one
+        if not told:
+            return one
+    return None
+
+
+def _by_name(
+    seen: MeasuredValues, factor: AxisChoice, settings: OpeningSettings = OPENING
+) -> tuple[MeasuredValues, Axis]:
+    """The rows in groups by the names of a column, and the axis that has these names.
+
+    In each group the lowest predicted median is the first.
+    """
+    assert factor.labels is not None
+    codes, group = np.unique(seen.array(factor.key), return_inverse=True)
+    order = np.lexsort((seen.array("order"), group))
+    place = np.empty(len(seen))
+    place[order] = np.arange(len(seen)) + settings.gap * len(seen) * group[order]
+    middle = [
+        (
+            float(np.mean([place[group == k].min(), place[group == k].max()])),
+            factor.labels[int(one)],
+        )
+        for k, one in enumerate(codes)
+    ]
+    title = f"{factor.title}, each with the lowest predicted median first"
+    return replace(seen, columns={**seen.columns, "order": place.tolist()}), Axis(
+        title, names=middle
+    )
 
 
 def _is_hair(seen: MeasuredValues, settings: OpeningSettings = OPENING) -> bool:

@@ -14,13 +14,14 @@ from aleator.results.printed import (
     Part,
     Sentence,
     TextTable,
+    chance,
     number,
     percent,
 )
 from aleator.results.units import label
 from aleator.views import chart
 from aleator.views.chart import Axis, Chart, Mark, Series, numbers
-from aleator.views.predictions import Columns, beyond, chance, predicted_table
+from aleator.views.predictions import Columns, beyond, predicted_table
 
 Document = Mapping[str, Any]
 

@@ -9,12 +9,11 @@ from typing import Any
 from aleator.results.answer import words
 from aleator.results.printed import (
     NONE,
-    THRESHOLDS,
     Chapter,
     Content,
     Sentence,
     TextTable,
-    Thresholds,
+    chance,
     heads,
     number,
 )
@@ -146,14 +145,3 @@ def _note(status: str) -> str:
 
 def _rows(columns: Columns) -> list[dict[Any, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
-    """The text of a probability; if it is near 1, as 1 minus a small number."""
-    if math.isnan(value):
-        return NONE
-    if 0.0 < value < thresholds.rare:
-        return f"{value:.{digits - 1}e}"
-    if 1.0 - thresholds.rare < value < 1.0:
-        return f"1 - {1.0 - value:.{digits - 1}e}"
-    return number(value, digits)

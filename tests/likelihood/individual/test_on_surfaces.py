@@ -1,10 +1,12 @@
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
 
 from aleator.likelihood.individual import Layout, OnSurfaces
+from aleator.likelihood.individual.predictors import PREDICTORS
 from aleator.surrogates import build_surface
 from aleator.surrogates.surface import Axes, Group, Surface, ball, products_with_gradient
 
@@ -67,6 +69,19 @@ def test_beyond_the_region_a_surface_is_flat():
     assert value == pytest.approx(surfaces.values(block, inside))
     assert np.all(slopes[0] == 0.0)
     assert np.any(slopes[1] != 0.0)
+
+
+def test_experiments_of_which_nothing_was_observed_have_no_values():
+    frame = table(bent)
+    direct, surfaces = on_surfaces(frame, bent)
+    old = direct.layout
+    layout = Layout(old.count + 2, old.experiment, old.unit, old.column)
+    one_by_one = replace(surfaces, settings=replace(PREDICTORS, basis=1))
+    (block,) = layout.blocks(5)
+    x = np.random.default_rng(1).uniform(*REGION.T, (len(block), 5, 2))
+    value, slopes = one_by_one.with_slopes(block, x)
+    assert value == pytest.approx(direct.predictor.values(block, x), rel=1e-9, abs=1e-9)
+    assert slopes.shape == (2, *value.shape)
 
 
 def test_the_likelihood_on_surfaces_is_that_of_the_simulator():

@@ -12,6 +12,7 @@ from scipy import integrate, optimize, stats
 from aleator import By, Free, Inputs, LogNormal, Noise, Normal, Uniform
 from aleator.errors import InputsError
 from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.rare_events import Event
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions
@@ -19,7 +20,6 @@ from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.event_points import corrected, of_law, unseen_after, unseen_by
 from aleator.tasks.new_experiments import Kriged, PredictedValue, PredictionContext
-from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.probability import probability, widened_interval
 
 ONE = pd.DataFrame({"load": [1.0]})

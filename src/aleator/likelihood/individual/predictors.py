@@ -299,6 +299,8 @@ class OnSurfaces:
         for some in blocks(experiments, len(degrees) * nodes, self.settings.basis):
             rows = slice(int(ends[some.start]), int(ends[some.stop]))
             own = block.owner[rows] - some.start
+            if not own.size:  # Nothing was observed of these experiments.
+                continue
             flat = z[some].reshape(-1, n)
             of_first, of_others = evaluated(degrees, flat[:, first : first + 1]), np.ones((1, 1, 1))
             if n > 1:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.errors import InputsError, nearest
+from aleator.errors import InputsError, described, nearest
 from aleator.inference.rare_events import Event
 from aleator.observations.responses import Transform
 from aleator.results.units import with_unit
-from aleator.tasks.arguments import described
 
 _COMPARISON = re.compile(r"(<=|>=|<|>)")
 _NUMBER = re.compile(r"(?P<number>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*(?P<unit>.*)")

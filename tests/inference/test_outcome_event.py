@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from aleator.errors import InputsError
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.observations.responses import Transform
-from aleator.tasks.outcome_event import OutcomeEvent
 
 OUTCOMES = ["travel", "shifting time", "3dB point"]
 UNITS = {"travel": "mm", "shifting time": "s"}
