@@ -286,7 +286,7 @@ class Session:
             responses=seen,
             table=whole.table.iloc[first].reset_index(drop=True),
             places=[whole.places[row] for row in first.tolist()],
-            id=whole.id if of is not None or len(first) > 1 else None,
+            id=whole.id,
         )
         runner = Runner(itself, once, self.inputs.names)
         return replace(self._context(once, runner, None, alpha, of), on_simulator=True)
