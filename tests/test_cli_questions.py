@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from studies import done, estimate, read, refused, shown_again
 
+from aleator.study import load_study
 from aleator.views.figures import check_figure
 
 LAW = "out/identification.json"
@@ -635,6 +636,16 @@ def test_a_measured_experiment_is_predicted_better_and_without_noise_still_bette
     one = series("--of", "p3")
     assert one.loc[:3, "mean"].to_numpy() == pytest.approx(old.loc[:3, "mean"].to_numpy())
     assert "p33" in refused("predict", LAW, "--at", "new.csv", "--of", "p33")
+    table = pd.read_csv("out/individuals.csv", index_col="id")
+    stored = {row["id"]: row for row in read(LAW)["experiments"]}
+    assert [*table.index] == [*stored]
+    assert table.loc["p3", "rate.mean"] == pytest.approx(stored["p3"]["mean"]["rate"])
+    # Of a parameter the conditions that only the simulator takes do not matter.
+    middle = table.loc["p3", "rate.mean"]
+    share = series("--of", "p3", "--event", f"rate > {middle}", "--no-uncertainty")
+    assert share["probability"].tolist() == pytest.approx([0.5, 0.5], abs=0.05)
+    write(loose="light,time\n1,1\n0,3\n")
+    assert load_study("study.toml").read_conditions("loose.csv").ids == ("1", "2")
     write(dark="plant,time\na,1\n")
     for command in (("predict", LAW, "--at"), ("next", "study.toml", "--candidates")):
         assert "the table needs time, light" in refused(*command, "dark.csv")

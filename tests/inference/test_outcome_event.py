@@ -37,6 +37,14 @@ def test_a_sentence_is_its_set_of_outcomes(
     assert OutcomeEvent.of(str(asked), OUTCOMES) == asked
 
 
+def test_a_parameter_has_events_too_and_an_outcome_comes_first() -> None:
+    asked = OutcomeEvent.of("gap [um] > 15 um", OUTCOMES, {"gap": "um"}, ["gap", "travel"])
+    assert (asked.outcome, asked.low) == ("gap", 15.0)
+    assert OutcomeEvent.of("travel > 1", OUTCOMES, {}, ["travel"]).outcome == "travel"
+    with pytest.raises(InputsError, match="did you mean 'gap'"):
+        OutcomeEvent.of("gp > 15", OUTCOMES, UNITS, ["gap"])
+
+
 def test_ends_follow_the_transform() -> None:
     asked = OutcomeEvent.of("1 <= travel < 10", OUTCOMES)
     event, y = asked.on(Transform.LOG), np.log([0.999, 1.0, 9.999, 10.0])

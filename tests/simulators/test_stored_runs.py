@@ -66,6 +66,9 @@ def test_nothing_is_repeated_by_another_runner_nor_by_the_same(store: Store) -> 
     np.testing.assert_array_equal(again(np.arange(20) % 3, x), first)
     assert function.calls == 20
     assert (again.runs, again.fresh) == (20, 0)
+    assert again.cache is not None
+    assert again.cache.by_case().tolist() == [7, 7, 6]
+    assert store.added == 20
 
 
 @given(st.lists(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3)), max_size=8), max_size=5))

@@ -114,6 +114,18 @@ def test_so_is_a_predicted_probability(event: str, ends: tuple[float, float]) ->
     assert plan.now == pytest.approx(np.sqrt(now), rel=3e-3)
 
 
+def test_so_is_the_share_of_a_law_and_no_run_is_counted_for_it() -> None:
+    found, there = found_with(), asked(np.array([3.0]))
+    plan = next_experiments(found, asked(), count=1, about=Predicted(there, event="x > 1.3"))
+    mean, sd = found.values[["x.mean", "x.sd"]]
+    u = (1.3 - mean) / sd
+    gradient = stats.norm.pdf(u) / sd * np.array([1.0, u])
+    expected = np.sqrt(gradient @ found.covariance.to_numpy() @ gradient)
+    assert plan.now == pytest.approx(expected, rel=3e-3)
+    assert plan.probability == pytest.approx((stats.norm.sf(u),), rel=3e-3)
+    assert plan.runs == next_experiments(found, asked(), count=1).runs
+
+
 @pytest.mark.parametrize(("chance", "noise"), [(1e-2, True), (1e-4, False), (1e-7, True)])
 def test_so_is_the_probability_of_a_rare_event(chance: float, noise: bool) -> None:
     """P = Phi(-beta) with beta = (c - m)/s: dP = phi(beta) (dm + beta ds)/s."""
@@ -286,3 +298,5 @@ def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
         expected = np.sqrt(variance * np.linalg.inv(whole.T @ whole)[1, 1])
         assert error == pytest.approx(expected, rel=1e-3)
     assert plan.chosen == ("3",)
+    assert [*plan.beyond] == ["3"]
+    assert "heat is 1 tested ranges above" in plan.table()["beyond"].iloc[0]

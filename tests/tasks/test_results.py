@@ -119,6 +119,36 @@ def test_predictions_are_those_of_the_linear_mixed_model(found, experiment, nois
     is_normal(told, DESIGN @ mean, np.sqrt(variance))
 
 
+def normal_tail(found, experiment=None):
+    """The probability that a exceeds 1.3, of a new experiment or of a measured one."""
+    mean, covariance = law(found) if experiment is None else individual_law(found, experiment)
+    return stats.norm.sf(1.3, mean[0], np.sqrt(covariance[0, 0]))
+
+
+@pytest.mark.parametrize("experiment", [None, "e0", "e5"])
+def test_the_probability_of_a_parameter_is_that_of_its_law(found, experiment, tmp_path) -> None:
+    exact = normal_tail(found, experiment)
+    found.save(tmp_path / "found.json")
+    parts = {"inputs": PAIR, "noise": Noise(Free(0.01, 5.0))}
+    if experiment is not None:
+        parts |= {"simulator": line, "vectorized": True, "experiments": TABLE}
+    for one in (found, aleator.load(tmp_path / "found.json", **parts)):
+        (told,) = one.probability("a > 1.3", of=experiment).to_dict("records")
+        assert told["at_estimate"] == pytest.approx(exact, rel=0.02, abs=1e-3)
+        assert told["lower"] <= told["at_estimate"] <= told["upper"]
+        assert told["outcome"] == "a"
+    draws = found.draws().fewer(64)
+    each = [
+        normal_tail(replace(found, alpha={
+            name: replace(estimate, estimate=value)
+            for (name, estimate), value in zip(found.alpha.items(), alpha, strict=True)
+        }), experiment)
+        for alpha in draws.alpha
+    ]  # fmt: skip
+    mixed = found.probability("a > 1.3", of=experiment, uncertainty=draws)["probability"].item()
+    assert mixed == pytest.approx(np.average(each, weights=draws.weights), rel=0.02, abs=1e-3)
+
+
 def test_a_file_predicts_as_the_session_did(found: Identification, tmp_path) -> None:
     found.save(tmp_path / "found.json")
 
@@ -166,6 +196,9 @@ def test_individual_parameters_are_best_linear_predictors(found: Identification)
         assert table.loc[experiment, ["a.mean", "b.mean"]].to_numpy() == pytest.approx(mean)
         sds = table.loc[experiment, ["a.sd", "b.sd"]].to_numpy(float)
         assert sds == pytest.approx(np.sqrt(np.diag(covariance)))
+        ends = stats.norm.interval(0.95, mean, np.sqrt(np.diag(covariance)))
+        told = table.loc[experiment, ["a.lower", "b.lower", "a.upper", "b.upper"]].to_numpy(float)
+        assert told == pytest.approx(np.concatenate(ends), rel=1e-4)
     assert len(found.residuals) == len(FRAME)
     assert set(found.residuals["time"]) == set(FRAME["time"])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -16,18 +15,18 @@ from aleator.cli.running import (
     STUDY,
     RunOptions,
     Work,
-    expected_runs,
     folder_of,
     makes_runs,
     output_option,
     require_at_most_one,
-    running,
+    tell_expected_runs,
     tell_odd_repeats,
     whole_number,
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
 from aleator.inference.outcome_event import OutcomeEvent
+from aleator.observations.experiments import Conditions
 from aleator.results.printed import count
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
@@ -272,20 +271,28 @@ def next(
     work = Work.on("next", study, options, folder=output, seed=seed)
     value = work.study
     table = value.read_conditions(candidates)
+    if table.id is None and len(value.experiments.ids) < len(value.experiments.experiment):
+        none = f"{candidates} has no column '{value.table.id}'"
+        options.say(f"note: {none}: each row is taken as an experiment of its own")
     # Mistakes in the arguments are reported before a slow simulator runs.
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
-    predicted = _predicted(value, for_prediction, quantile, event, no_noise)
+    at = None if for_prediction is None else value.read_conditions(for_prediction)
+    predicted = _predicted(value, at, quantile, event, no_noise)
     with work.running() as (runner, progress):
         found = work.answered(answer, runner, progress)
-        with running(value, replace(options, quiet=True), table) as others:
-            for note in expected_runs(found.surface, others, "candidate"):
-                options.say(note)
-            plan = next_experiments(
-                found, table, count, about=predicted or about, repeat=repeat,
-                laws=laws, simulator=others, progress=progress,
-            )  # fmt: skip
+        session, surface = found.session, found.surface
+        others = session.runner_on(table)
+        tell_expected_runs(options, surface, others, "candidate")
+        aimed = None if event is None else session.event(event, value.units)
+        if at is not None and (aimed is None or aimed.outcome in session.outcomes):
+            there = session.runner_on(at)
+            tell_expected_runs(options, surface, there, "condition", event=aimed is not None)
+        plan = next_experiments(
+            found, table, count, about=predicted or about, repeat=repeat, laws=laws,
+            simulator=others, progress=progress,
+        )  # fmt: skip
     work.end(
         {"seed": value.seed, **plan.to_dict()}, planning.next_experiments,
         texts={"csv": plan.table().to_csv(index_label="id", lineterminator="\n")},
@@ -294,7 +301,7 @@ def next(
 
 def _predicted(
     study: Study,
-    conditions: Path | None,
+    at: Conditions | None,
     quantile: float | None,
     event: str | None,
     no_noise: bool,
@@ -304,7 +311,7 @@ def _predicted(
     It is a quantile, or the probability of an event if one is given.
     """
     wanted = {"--quantile": quantile, "--event": event}
-    if conditions is None:
+    if at is None:
         for option, given in {**wanted, "--no-noise": no_noise or None}.items():
             if given is not None:
                 raise AleatorError(
@@ -319,7 +326,8 @@ def _predicted(
             'add --event "travel > 26", or leave it out: a quantile is that of a measurement',
         )
     if event is not None:
-        OutcomeEvent.of(event, study.experiments.observations.names, study.units)
+        names = study.experiments.observations.names
+        OutcomeEvent.of(event, names, study.units, study.inputs.names)
     elif quantile is None:
         quantile = 0.95
-    return Predicted(study.read_conditions(conditions), quantile, event, not no_noise)
+    return Predicted(at, quantile, event, not no_noise)

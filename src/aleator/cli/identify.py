@@ -34,6 +34,7 @@ from aleator.errors import AleatorError, short
 from aleator.results import documents
 from aleator.results.answer import brief
 from aleator.results.schema import IDENTIFICATION, read_answer, read_ceiling
+from aleator.results.units import label
 from aleator.simulators import Budget
 from aleator.study import load_study
 from aleator.tasks.identification import pictured
@@ -44,6 +45,7 @@ from aleator.views.terminal import terminal
 REPORT = "report.html"
 COMPARED = "compared.html"
 CEILING = "ceiling.json"
+INDIVIDUALS = "individuals.csv"
 
 Document = Mapping[str, Any]
 
@@ -182,7 +184,9 @@ def identify(
     same, except for its entry "seconds". Writes DIR/report.html, a page of charts that needs no
     network, if Bokeh is installed. If matplotlib is installed, draws DIR/experiments.png (measured
     beside predicted outcomes) and DIR/calibration.png, and with measurement noise
-    DIR/parameters.png. Progress goes to the standard error.
+    DIR/parameters.png. Where the parameters of single experiments are known, DIR/individuals.csv
+    has a row for each experiment: mean, standard deviation and 95 % range of each parameter, with
+    units. Progress goes to the standard error.
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
@@ -230,6 +234,10 @@ def identify(
     document = linked(made, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     files = [folder / IDENTIFICATION]
+    individuals = result.individuals.rename(columns=lambda name: label(document, name))
+    if len(individuals):
+        files.append(folder / INDIVIDUALS)
+        documents.write_text(individuals.to_csv(lineterminator="\n"), files[-1])
     if not no_figures and can_draw(quiet=options.quiet):
         files += save_figures(document, folder)
     if not no_figures and can_report(quiet=options.quiet):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from aleator.cli.running import (
     FILE,
     RESULT,
     RunOptions,
-    expected_runs,
     joined,
     make_place,
     makes_runs,
@@ -26,6 +24,7 @@ from aleator.cli.running import (
     require_folder,
     running,
     show_answer,
+    tell_expected_runs,
     units_in,
 )
 from aleator.core.arithmetic import share_of
@@ -39,11 +38,12 @@ from aleator.results.printed import Content
 from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
 from aleator.simulators import Runner
+from aleator.simulators.parameter import ParameterItself
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
 from aleator.tasks.prediction import compared
-from aleator.tasks.session import conditions_at
+from aleator.tasks.session import Runners, conditions_at, runners_like
 from aleator.views import predictions
 
 
@@ -169,8 +169,8 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--event",
         metavar="EVENT",
-        help='Probability of this event: "travel > 26" or "20 < travel < 26", with the name of the '
-        "outcome and values in its unit.",
+        help='Probability of this event: "travel > 26" or "20 < travel < 26", with the name of an '
+        "outcome, or of a parameter, and values in its unit.",
     )
     @click.option(
         "--tolerance",
@@ -328,7 +328,9 @@ def predict(
     leaves open which outcomes are in the event. If the last runs still change the probability, the
     status is "unsettled". `unseen` is the largest probability of a region that the runs all over
     the law do not exclude, in all their rounds. Those of --checks do not count: they lie near the
-    event that the surface shows, and lower +-.
+    event that the surface shows, and lower +-. The event may be one of a parameter ("gap > 15"):
+    the share of its law there, or with --of the probability for one experiment. It takes no run,
+    and only the conditions that the law follows.
 
     With --tolerance: limits of the outcome, or with --side one limit, a design value. All are in
     the unit of the outcome, and predict the measured value. The life that 90 % exceed (B10, L10)
@@ -349,29 +351,36 @@ def predict(
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
+    asked = value
     if request.event is not None:
-        OutcomeEvent.of(request.event, value.experiments.observations.names, value.units)
-    table = requested_conditions(value, at, of)
+        simulated = value.experiments.observations.names
+        event = OutcomeEvent.of(request.event, simulated, value.units, value.inputs.names)
+        if event.outcome not in simulated:  # No run tells of a parameter, and no measurement.
+            asked = replace(value, simulator=ParameterItself(event.outcome), noise=None)
+    table = requested_conditions(asked, at, of)
     if output is not None:
         make_place(output, value.file)
     for note in untested(value, table):  # Before the runs, which may fail there.
         options.say(note)
     with (
-        running(value, options, table) as runner,
-        running(value, options) if of or value.inputs.levels else nullcontext() as measured,
+        running(value, options) as measured,
         options.shown(folder, value.title) as progress,
     ):
-        answer = _identification(value, document, table, runner, measured, of)
+        like = runners_like(measured, value.experiments)
+        runner = like(table) if asked is value else asked.runner(table)
+        answer = _identification(
+            value, document, lambda at: runner if at is table else like(at), of
+        )
         draws = None if no_uncertainty else answer.draws()
-        event = request.event is not None
-        for note in expected_runs(answer.surface, runner, "condition", event=event):
-            options.say(note)
+        if asked is value:
+            event_asked = request.event is not None
+            tell_expected_runs(options, answer.surface, runner, "new condition", event=event_asked)
+        if options.watch is not None:
+            options.watch.counts(lambda: runner.runs)
         runner.progress = progress
         found = request.table(
             answer, table, of=of, noise=not no_noise, uncertainty=draws or False, progress=progress
         )
-    if runner.fresh:
-        options.say(f"note: {runner.fresh} runs of the simulator were made")
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
@@ -423,22 +432,13 @@ def _labelled(found: pd.DataFrame, document: Mapping[str, Any]) -> pd.DataFrame:
 def _identification(
     value: Study,
     document: Mapping[str, Any],
-    table: Conditions,
-    runner: Runner,
-    measured: Runner | None,
+    runner: Runners,
     of: str | None,
 ) -> Identification:
-    """The identification of a document, joined with its simulator so that it can predict.
-
-    `runner` runs the simulator under new conditions, `measured` under those of the study.
-    """
+    """The identification of a document, joined with its simulator so that it can predict."""
     if of is not None and not document.get("observations"):
         raise AleatorError(
             f"--of {of}: one outcome says too little of the parameters of its experiment",
             "predict new experiments: leave the option out",
         )
-
-    def made(conditions: object) -> Runner:
-        return runner if conditions is table or measured is None else measured
-
-    return joined(value, document, made)
+    return joined(value, document, runner)

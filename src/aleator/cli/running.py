@@ -24,7 +24,7 @@ from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
 from aleator.observations.gross_errors import odd_repeats
 from aleator.results import documents
-from aleator.results.printed import Content, number
+from aleator.results.printed import Content, count, number
 from aleator.results.schema import IDENTIFICATION, answer_file, read_answer
 from aleator.results.units import seen_label
 from aleator.simulators import ProcessPool, Runner, Store, notified
@@ -243,8 +243,8 @@ def running(
 ) -> Iterator[Runner]:
     """A context with the runner of a study, which runs the simulator for a command.
 
-    At the end workers and store are closed, and the current folder is restored. Raises
-    SimulatorError if the first run of a function would end this process.
+    At the end a note tells how many runs were made, workers and store are closed, and the current
+    folder is restored. Raises SimulatorError if the first run of a function would end this process.
     """
     require_at_most_one({"--store": options.store, "--no-store": options.no_store or None})
     with (
@@ -263,6 +263,9 @@ def running(
             if options.watch is not None:
                 options.watch.counts(lambda: runner.runs)
             yield runner
+            made = runner.fresh if kept is None else kept.added
+            if made and tell is not None:
+                tell(f"note: {made:,} runs of the simulator were made")
 
 
 def identified(
@@ -297,31 +300,36 @@ def identified(
     )
 
 
-def expected_runs(
-    surface: Mapping[str, Any] | None, runner: Runner, what: str, *, event: bool = False
-) -> Iterator[str]:
-    """A note on how many runs the response surfaces of new conditions will take.
+def tell_expected_runs(
+    options: RunOptions,
+    surface: Mapping[str, Any] | None,
+    runner: Runner,
+    what: str,
+    *,
+    event: bool = False,
+) -> None:
+    """Print a note on how many runs the response surfaces of new conditions will take.
 
     `surface` tells of those of the identification, and `what` names the conditions of the runner.
     As many runs are expected for each as each experiment of the study took. An event takes a round
-    of runs more, which look for other regions of it.
+    of runs more, which look for other regions of it. Which of the runs that are stored under these
+    conditions will be needed is not known before: those of the same surface, if it was made before.
     """
     each = runs_for_condition(surface, event=event)
     if not each:
         return
-    count = len(runner.cases)
-    of = f"the new {what}" if count == 1 else f"each of {count} new {what}s"
-    round_of_event = Exploration().runs if event else 0
-    runs = f"{each} runs{'' if count == 1 else ' each'}"
-    runs += f", {round_of_event} of which look for other regions of the event" if event else ""
-    known = None if runner.cache is None else runner.cache.at_start
-    took = ""
-    if known is not None and known.runs:
-        second = known.seconds / known.runs
-        took = f", {number(second, 2)} s a run, {number(count * each * second, 2)} s in all"
-    yield (
-        f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
-        "the identification and none is stored"
+    size, searching = len(runner.cases), Exploration().runs if event else 0
+    seeking = f", {size * searching:,} of them to look for other regions of the event"
+    took, stored, cache = "", "", runner.cache
+    if cache is not None:
+        if cache.at_start.runs:
+            second = number(cache.at_start.seconds / cache.at_start.runs, 2)
+            took = f", {second} s a run"
+        known = count(int(cache.by_case().sum()), "run")
+        stored = f"; {known} under {'it' if size == 1 else 'them'} in the store, not made again"
+    options.say(
+        f"note: some {size * each:,} runs for {'a surface' if size == 1 else 'surfaces'} of "
+        f"{count(size, what)}, as in the identification{seeking if event else ''}{took}{stored}"
     )
 
 

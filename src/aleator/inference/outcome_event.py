@@ -23,6 +23,7 @@ _EXAMPLES = "write one as '{0} > 26', '{0} < 26' or '20 < {0} < 26'"
 class OutcomeEvent:
     """The event that an outcome lies between `low` and `high`, in its unit; an end may be infinite.
 
+    `outcome` is the name of an outcome, or of a parameter, whose law has events as well.
     `ends_included` says whether the values `low` and `high` themselves are in the event.
     """
 
@@ -33,20 +34,26 @@ class OutcomeEvent:
 
     @classmethod
     def of(
-        cls, sentence: str, outcomes: Sequence[str], units: Mapping[str, str] | None = None
+        cls,
+        sentence: str,
+        outcomes: Sequence[str],
+        units: Mapping[str, str] | None = None,
+        parameters: Sequence[str] = (),
     ) -> OutcomeEvent:
-        """The event that a sentence states: one of the `outcomes`, and one or two comparisons.
+        """The event that a sentence states: an outcome or a parameter, and one or two comparisons.
 
-        A comparison is ``<``, ``<=``, ``>`` or ``>=`` between the name of an outcome and a number,
-        which the unit of the outcome may follow. Raises InputsError for any other sentence, for an
-        unknown outcome, for another unit than that in `units`, and for an event that is empty.
+        A comparison is ``<``, ``<=``, ``>`` or ``>=`` between its name and a number, which its unit
+        may follow. A name in `outcomes` and in `parameters` is that of the outcome. Raises
+        InputsError for any other sentence, for an unknown name, for another unit than that in
+        `units`, and for an event that is empty.
 
         >>> OutcomeEvent.of("travel > 26 mm", ["travel"], {"travel": "mm"})
         OutcomeEvent(outcome='travel', low=26.0, high=inf, ends_included=(False, False))
         >>> OutcomeEvent.of("20 <= travel < 26", ["travel", "force"])
         OutcomeEvent(outcome='travel', low=20.0, high=26.0, ends_included=(True, False))
         """
-        names = {shown: name for name in outcomes for shown in (name, with_unit(
+        known = [*outcomes, *parameters]
+        names = {shown: name for name in known for shown in (name, with_unit(
             name, (units or {}).get(name)))}  # fmt: skip
         remedy = _EXAMPLES.format(next(iter(outcomes)))
         if not isinstance(sentence, str):
@@ -57,9 +64,11 @@ class OutcomeEvent:
         reverse = len(terms) == 5 or (terms[0] not in names and _NUMBER.fullmatch(terms[0]))
         told = terms[2] if reverse else terms[0]
         if told not in names:
+            beside = f"; the parameters are {', '.join(parameters)}" if parameters else ""
             raise InputsError(
-                f"the event '{sentence}': there is no outcome '{told}'{nearest(told, outcomes)}",
-                f"the outcomes are {', '.join(outcomes)}; {remedy}",
+                f"the event '{sentence}': there is no outcome '{told}'"
+                f"{' and no such parameter' if parameters else ''}{nearest(told, known)}",
+                f"the outcomes are {', '.join(outcomes)}{beside}; {remedy}",
             )
         outcome = names[told]
         # Each comparison with the outcome on its left side: "20 < travel" is "travel > 20".

@@ -554,7 +554,8 @@ def conditions_of(experiments: Experiments, which: Flags, *, named: bool = True)
 def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Conditions:
     """New experiments as those that differ in a column in `names`, each once, in their order.
 
-    Only series keep their ids, which say which rows belong together.
+    Rows of an experiment that are equal in these columns count once. Only series keep their ids,
+    which say which rows belong together.
 
     >>> import pandas as pd
     >>> frame = pd.DataFrame({"load": [1, 1, 2], "oil": ["a", "b", "a"], "time": [0.8, 0.9, 2.0]})
@@ -568,9 +569,9 @@ def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Condi
         series[owner].append(tuple(row))
     first: dict[tuple[object, ...], int] = {}
     for k, rows in enumerate(series):
-        first.setdefault(tuple(rows), k)
+        first.setdefault(tuple(dict.fromkeys(rows)), k)
     which = np.isin(np.arange(len(series)), [*first.values()])
-    return conditions_of(experiments, which, named=len(cells) > len(series))
+    return conditions_of(experiments, which, named=any(len(rows) > 1 for rows in first))
 
 
 def unmeasured(conditions: Conditions) -> Experiments:

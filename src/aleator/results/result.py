@@ -183,7 +183,8 @@ class Result(Plain):
         """A data frame with a row for each experiment with individual parameters, by its id.
 
         Its columns are ``observations``, ``log_density``, and for each parameter x ``x.mode``,
-        ``x.mean`` and ``x.sd`` given the observations of the experiment. For a mixture,
+        ``x.mean`` and ``x.sd`` given the observations of the experiment, and ``x.lower`` and
+        ``x.upper``, 95 % of a normal law with this mean and sd. For a mixture,
         ``x.1.probability`` and so on are the probabilities of its components. Empty if each
         experiment has one outcome.
         """
@@ -191,9 +192,13 @@ class Result(Plain):
         rows = [
             {"observations": e.observations, "log_density": e.log_density}
             | {
-                f"{name}.{what}": getattr(e, what)[name]
+                f"{name}.{what}": value
                 for name in e.mean
-                for what in ("mode", "mean", "sd")
+                for what, value in zip(
+                    ("mode", "mean", "sd", "lower", "upper"),
+                    (e.mode[name], e.mean[name], e.sd[name], *e.interval(name)),
+                    strict=True,
+                )
             }
             | {
                 f"{name}.{c}.probability": one

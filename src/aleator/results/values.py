@@ -279,6 +279,10 @@ class ExperimentReport(Plain):
         object.__setattr__(self, "log_density", _log_density(self.log_density, self.status))
 
 
+REACH = 1.96
+"""Half of the width of an interval that has 95 % of a normal law, in standard deviations."""
+
+
 @dataclass(frozen=True)
 class IndividualReport(Plain):
     """The individual law of one experiment with several observations.
@@ -302,6 +306,11 @@ class IndividualReport(Plain):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "log_density", _log_density(self.log_density, self.status))
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % of a normal law with the mean and sd of this parameter."""
+        reach = REACH * self.sd[name]
+        return self.mean[name] - reach, self.mean[name] + reach
 
 
 def _log_density(value: float, status: str) -> float:

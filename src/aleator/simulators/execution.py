@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from aleator.core.progress import Progress, duration
-from aleator.core.types import Array
+from aleator.core.types import Array, Indices
 from aleator.errors import StoreError
 from aleator.simulators.dispatch import (
     BATCHING,
@@ -87,10 +87,9 @@ class RunProgress:
 class RunCache:
     """The stored runs of one simulator, for the conditions of one table.
 
-    `at_start` has the counts of its runs when the store was opened, and `added` counts new ones. If
-    the simulator named its responses, a run is stored with these names, so that a study of another
-    response does not use it. One query asks for up to `together` runs (by judgement, to limit
-    memory).
+    `at_start` has the counts of its runs when the store was opened. If the simulator named its
+    responses, a run is stored with these names, so that a study of another response does not use
+    it. One query asks for up to `together` runs (by judgement, to limit memory).
     """
 
     def __init__(self, store: Store, bound: Bound, units: Units, together: int = 8192) -> None:
@@ -107,7 +106,6 @@ class RunCache:
         self._ways = (False, True) if len(units.responses) == 1 else (True,)
         self._cases: dict[tuple[bool, int], Case] = {}
         self.at_start = store.counts(self.identity)
-        self.added = 0
 
     def find(self, runs: Runs) -> Runs:
         """The given runs with their outcomes and failures, as far as the store has them."""
@@ -138,14 +136,23 @@ class RunCache:
         if number is None:
             number = str(self.store.newest(fingerprint))
             keep(self.store, fingerprint, key, number)
-        count, width = len(self._bound.cases), len(self._order)
-        cases = [self._case(named, k) for named in self._ways for k in range(count)]
-        found = self.store.up_to(fingerprint, cases, int(number))
-        keys = [*dict.fromkeys((place % count, x) for place, x in found)]
+        keys, width = self._up_to(int(number)), len(self._order)
         of = np.array([case for case, _ in keys], dtype=np.intp)
         x = np.empty((len(keys), width))
         x[:, self._order] = np.frombuffer(b"".join(x for _, x in keys), "<f8").reshape(-1, width)
         return Runs.planned(of, x, int(self._sizes.max()))
+
+    def by_case(self) -> Indices:
+        """The number of runs with an outcome that the store has of each case."""
+        keys = self._up_to(self.store.newest(self.identity.fingerprint))
+        return np.bincount([case for case, _ in keys], minlength=len(self._bound.cases))
+
+    def _up_to(self, number: int) -> list[tuple[int, bytes]]:
+        """The different runs with an outcome up to a number: the case and the bytes of x."""
+        count = len(self._bound.cases)
+        cases = [self._case(named, k) for named in self._ways for k in range(count)]
+        found = self.store.up_to(self.identity.fingerprint, cases, number)
+        return [*dict.fromkeys((place % count, x) for place, x in found)]
 
     def _read(self, value: float | bytes | None, case: int) -> Array:
         """The stored values of a run, padded with NaN; raises StoreError if they are damaged.
@@ -184,10 +191,10 @@ class RunCache:
             )
         ]
         try:
-            self.added += self.store.add(self.identity, cases, rows)
+            self.store.add(self.identity, cases, rows)
         except KeyboardInterrupt:
             # Ctrl-C came during the writing, and the transaction was undone: write again.
-            self.added += self.store.add(self.identity, cases, rows)
+            self.store.add(self.identity, cases, rows)
             raise
 
     def _values(self, made: Runs) -> list[float | bytes]:

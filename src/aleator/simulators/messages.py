@@ -220,10 +220,10 @@ def notified(
     try:
         yield
     except BaseException:
-        if cache.added:
+        if cache.store.added:
             say(
-                f"{cache.added:,} new runs are kept in {short(cache.store.path)}: the same command "
-                "goes on from there"
+                f"{cache.store.added:,} new runs are kept in {short(cache.store.path)}: the same "
+                "command goes on from there"
             )
         raise
 

@@ -411,7 +411,7 @@ class Store:
     of the simulator's work (`settings.unsynced`): a commit waits for the disk, which takes
     milliseconds, only after that much work. Any number of processes may use the file at once.
     `writable` is false if the file or its folder cannot be written: stored runs are then used, but
-    none are added.
+    none are added. `added` counts the runs that were added by this object.
 
     All methods raise StoreError for a file that is not a store, is damaged, has a newer format or
     cannot be read, and for a full disk. The file is then left as it is.
@@ -430,7 +430,7 @@ class Store:
         self.path = Path(path).absolute()  # A simulator may change the current folder.
         self.settings = settings
         self.connection, self.writable = connected(self.path, settings)
-        self._unsynced = 0.0
+        self._unsynced, self.added = 0.0, 0
 
     def __reduce__(self) -> tuple[type[Store], tuple[str, StoreSettings]]:
         """Pickle path and settings only: another process opens its own connection."""
@@ -522,6 +522,7 @@ class Store:
                 added = self._largest() - before
         if wait:
             self._unsynced = 0.0
+        self.added += added
         return added
 
     def counts(self, simulator: Identity) -> Counts:

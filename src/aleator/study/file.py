@@ -278,13 +278,15 @@ class Study:
         Conditions that the simulator does not take may be missing, covariates of a law may not,
         except for experiments that were `measured`. A column of numbers in the study's table must
         have numbers here. Rows with the same id are one new experiment; without a column of ids
-        each row is one, named by its number, if each row of the study's table is one too. Raises
-        ExperimentsError for the errors that `Experiments.from_csv` reports.
+        each row is one, named by its number, unless one run of the simulator makes the several
+        rows of an experiment. Raises ExperimentsError for the errors that `Experiments.from_csv`
+        reports.
         """
         table = tables.read(path, self.table.delimiter, self.table.decimal)
         own, experiments = self.table.id, self.experiments
         single = len(experiments.ids) == len(experiments.experiment)
-        if own is not None and own not in table.columns and single and not measured:
+        apart = single or not getattr(self.simulator, "series", False)
+        if own is not None and own not in table.columns and apart and not measured:
             own = None
         found = Conditions.from_table(
             table,

@@ -17,7 +17,6 @@ from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
-from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import Tolerance
 from aleator.inference.pictures import PICTURES, opening_pictures, pictures
 from aleator.laws import Hyperparameter
@@ -206,7 +205,10 @@ class Identification(Result):
         """The probability of an event such as "travel > 26" or "20 < travel < 26", rare or not.
 
         The event compares an outcome, by its name, with values in its unit, which may follow them:
-        "travel > 26 mm". `at` are the conditions, as in `predict`.
+        "travel > 26 mm". `at` are the conditions, as in `predict`. The event may be one of a
+        parameter: "gap > 15" asks for the share of its law beyond 15, or with `of` for the
+        probability that the experiment's own parameter is so large. That takes no run and no noise,
+        and of the conditions only those that the law follows.
 
         With `noise` it is the probability of a measured value. For the probability of a failure use
         the true value, with `noise=False`. `checks` is the number of simulator runs that check a
@@ -225,11 +227,11 @@ class Identification(Result):
         none lead to its contrary. It is "unsettled" if the last runs still change the probability,
         or leave open which outcomes are in the event.
 
-        Raises InputsError for a text that is no event of one outcome, AleatorError as `predict`.
+        Raises InputsError for a text that is no event of one name, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
-        asked = OutcomeEvent.of(event, self.session.outcomes, self.units)
-        context = self.session.context(at, draws.estimate, of, noise)
+        asked = self.session.event(event, self.units)
+        context = self.session.event_context(asked, at, draws.estimate, of, noise)
         return self._with_units(probabilities(context, draws, asked, checks, progress))
 
     def p_box(

@@ -36,6 +36,7 @@ from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import PredictionContext
+from aleator.tasks.prediction import compared
 from aleator.tasks.probability_gradient import EventGradient, event_gradient
 
 ALL = "all"
@@ -211,7 +212,8 @@ class NextExperiments:
     the mean of their errors relative to the present ones (`relative`); for all hyperparameters the
     geometric mean. `now` is the error with the `made` experiments only, infinite if they do not
     determine it. `alone` (C,) is the error after each candidate alone, NaN for one that cannot be
-    simulated. `uncertain` (C,) is its Monte Carlo error, zero where it is exact.
+    simulated. `uncertain` (C,) is its Monte Carlo error, zero where it is exact. `beyond` says of
+    each candidate outside the tested conditions, by its id, how far it is.
 
     `chosen` are the ids of the best set, the most useful first. `after` is the error after each of
     them, and `ties` the number of other candidates that are as good in its place. `repetitions` is
@@ -231,6 +233,7 @@ class NextExperiments:
     now: float
     alone: Array
     uncertain: Array
+    beyond: Mapping[str, str]
     chosen: tuple[str, ...]
     after: tuple[float, ...]
     ties: tuple[int, ...]
@@ -257,11 +260,13 @@ class NextExperiments:
         """A table with a row for each candidate by its id, the most useful first.
 
         The columns are its conditions (of its first row) and covariates, the `standard_error` after
-        it alone, and `chosen`, how often it is in the best set.
+        it alone, `chosen`, how often it is in the best set, and `beyond`, how far it lies beyond
+        the tested conditions, in words.
         """
         found = self.conditions.assign(
             standard_error=self.alone,
             chosen=[self.chosen.count(name) for name in self.ids],
+            beyond=[self.beyond.get(name, "") for name in self.ids],
         )
         return found.sort_values("standard_error", kind="stable")
 
@@ -297,6 +302,7 @@ class NextExperiments:
             "now": self.now,
             "candidates": _rows(self.table()),
             "uncertain": dict(zip(self.ids, self.uncertain.tolist(), strict=True)),
+            "beyond": dict(self.beyond),
             "chosen": _rows(self.plan()),
             "made": self.made,
             "repetitions": self.repetitions,
@@ -379,7 +385,7 @@ def next_experiments(
         predicted = _of_prediction(found, aim.predicted, aim.alpha, fit, progress)
     made = planned(fit, offered, predicted, aim, count, repeat, laws, progress)
     runs = runner.runs - before
-    if isinstance(predicted, EventAimedAt):
+    if isinstance(predicted, EventAimedAt) and predicted.event.outcome in session.outcomes:
         runs += predicted.context.runner.runs
     return replace(made, runs=runs, sound=found.sound, consistent=found.consistent)
 
@@ -424,6 +430,7 @@ def planned(
         now=float(plan.standard_error(plan.present)),
         alone=_alone(plan),
         uncertain=_uncertain(plan, scores[0]),
+        beyond=_beyond(fit, offered),
         chosen=tuple(ids[c] for c in choice.order),
         after=choice.after,
         ties=choice.ties,
@@ -453,6 +460,24 @@ def _first_rows(offered: Fit) -> pd.DataFrame:
     return conditions.join(every[beside]).iloc[first].set_axis(names)
 
 
+def _beyond(fit: Fit, offered: Fit) -> dict[str, str]:
+    """How far each candidate outside the tested conditions is from them, by its name.
+
+    Of several rows the one that is farthest counts. Groups of levels are new by their nature.
+    """
+    table, tested = offered.table, fit.table.table
+    columns = dict.fromkeys([*table.conditions, *offered.inputs.covariates])
+    levels = {*offered.inputs.levels.values()}
+    names = [n for n in columns if n in tested and n in table.table and n not in levels]
+    found = compared(tested[names], table.table[names])
+    farthest: dict[str, str] = {}
+    for row in np.argsort(-found.distance, kind="stable").tolist():
+        name = offered.cluster_names[offered.cluster[table.experiment[row]]]
+        if found.why[row]:
+            farthest.setdefault(name, found.why[row])
+    return farthest
+
+
 def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:
     """Raise InputsError if `count` experiments cannot be chosen from the candidates."""
     if count < 1:
@@ -475,8 +500,9 @@ def _of_prediction(
     """The experiments to be predicted: their fit for a quantile, with an event their context."""
     there, session = _conditions(wanted.conditions, fit), found.session
     if wanted.event is not None:
-        event = OutcomeEvent.of(wanted.event, session.outcomes, found.units)
-        return EventAimedAt(event, session.context(there, alpha, noise=wanted.noise))
+        event = session.event(wanted.event, found.units)
+        context = session.event_context(event, there, alpha, noise=wanted.noise)
+        return EventAimedAt(event, context)
     predicted = session.fit_on(there, alpha, session.runner_on(there), progress)
     # A predicted value is not censored at the limits of the tests.
     return predicted.seeing(unmeasured(there))

@@ -22,6 +22,7 @@ from aleator.fit.stored_fit import stored_fit
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
@@ -48,6 +49,7 @@ from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
+from aleator.simulators.parameter import ParameterItself
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.arguments import RequestedConditions, frame_of
 from aleator.tasks.new_experiments import (
@@ -240,11 +242,6 @@ class Session:
 
         `of` is the name of a measured experiment or of a column with such names; None for new ones.
         """
-        if of is not None and self.model is not None:
-            raise InputsError(
-                f"of '{of}': without noise the parameters of an experiment have no density",
-                "predict new experiments: leave `of` out",
-            )
         noises = self.noise.values() if isinstance(self.noise, Mapping) else [self.noise]
         if of is not None and noise and any(n and n.correlation for n in noises):
             raise InputsError(
@@ -253,21 +250,69 @@ class Session:
                 "predict without the errors (noise=False, --no-noise), or predict new experiments",
             )
         conditions = self.requested(at, of)
-        runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
+        errors = MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None
+        runner = self.runner_on(conditions, "a prediction")
+        return self._context(conditions, runner, errors, alpha, of)
+
+    def event(self, sentence: str, units: Mapping[str, str]) -> OutcomeEvent:
+        """The event that a sentence states of an outcome or of a parameter; see `OutcomeEvent`."""
+        parameters = () if self.inputs is None else self.inputs.names
+        return OutcomeEvent.of(sentence, self.outcomes, units, parameters)
+
+    def event_context(
+        self,
+        event: OutcomeEvent,
+        at: RequestedConditions,
+        alpha: Array,
+        of: str | None = None,
+        noise: bool = True,
+    ) -> PredictionContext:
+        """The context for the probability of an event, as `context` has it for an outcome.
+
+        An event of a parameter needs no run: the parameter is its own outcome, without noise, once
+        in each experiment. Of the conditions only those that its law follows matter.
+        """
+        if event.outcome in self.outcomes or self.inputs is None:
+            return self.context(at, alpha, of, noise)
+        seen, itself = (Response(event.outcome),), ParameterItself(event.outcome)
+        at = {} if at is None and self.experiments is None else at
+        whole = replace(
+            self, noise=None, responses=seen, runner=runners(itself, self.inputs.names)
+        ).requested(at, of)
+        first = np.unique(whole.experiment, return_index=True)[1]
+        once = Conditions(
+            whole.ids,
+            pd.DataFrame(index=range(len(first))),
+            responses=seen,
+            table=whole.table.iloc[first].reset_index(drop=True),
+            places=[whole.places[row] for row in first.tolist()],
+            id=whole.id,
+        )
+        runner = Runner(itself, once, self.inputs.names)
+        return replace(self._context(once, runner, None, alpha, of), on_simulator=True)
+
+    def _context(
+        self,
+        conditions: Conditions,
+        runner: Runner,
+        errors: MeasurementErrors | None,
+        alpha: Array,
+        of: str | None,
+    ) -> PredictionContext:
+        if of is not None and self.model is not None:
+            raise InputsError(
+                f"of '{of}': without noise the parameters of an experiment have no density",
+                "predict new experiments: leave `of` out",
+            )
+        inputs = self.inputs
         assert inputs is not None
         known = None if of is None else self._measured(conditions, alpha, of)
         if inputs.individual_laws and known is None:
             inputs, known = self._of_groups(conditions, alpha)
         return PredictionContext(
-            conditions,
-            inputs,
-            MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
-            runner,
-            self.on_simulator,
-            self.surfaces,
-            known,
+            conditions, inputs, errors, runner, self.on_simulator, self.surfaces, known,
             self.experiments,
-        )
+        )  # fmt: skip
 
     def requested(self, at: RequestedConditions, of: str | None = None) -> Conditions:
         """The conditions that `at` gives; for None those of the experiments.
@@ -580,7 +625,7 @@ def runners_like(runner: Runner, table: Experiments) -> Runners:
             return runner
         return Runner(
             runner.simulator, asked, runner.parameters, store=store, executor=runner.executor,
-            retries=runner.retries, varying=varying,
+            retries=runner.retries, max_failed=runner.max_failed, varying=varying,
         )  # fmt: skip
 
     return of

@@ -15,6 +15,7 @@ import numpy as np
 
 from aleator.core.types import Array
 from aleator.results.printed import PAGE, Depth
+from aleator.results.values import REACH
 
 # The colors are grays and the palette of Okabe and Ito, whose colors remain distinct in every form
 # of color blindness. Each color has one value for a light page and one for a dark page. All values
@@ -69,7 +70,7 @@ class ChartSettings:
     high: int = 400
     cell: float = 1.15
     spans: tuple[float, float, float] = (500.0, 1.5, 12.0)
-    sd: float = 1.96
+    sd: float = REACH
 
 
 CHARTS = ChartSettings()

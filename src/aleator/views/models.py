@@ -67,6 +67,8 @@ def _best(document: Document) -> str:
     if alike:
         parts.append(f"{listed(alike)} may be as good")
     said = "; ".join(parts) + "."
+    if alike:
+        said += " Intervals of a prediction take their model as right: predict with each of these."
     unsound = [m["name"] for m in document["models"] if not m["sound"]]
     if unsound:
         said += f" NOT computed soundly: {listed(unsound)}; deal with the warnings there first."

@@ -308,7 +308,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
 
 # ------------------------------------------------------------------------------------ next
 
-BESIDE = ("id", "standard_error", "chosen", "ties")
+BESIDE = ("id", "standard_error", "chosen", "ties", "beyond")
 """The keys of a candidate experiment in next.json that are not conditions."""
 
 
@@ -318,8 +318,8 @@ def next_experiments(document: Document) -> Content:
     aim = "" if document.get("probability") is None else " and the probability"
     lead = (
         f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}."
-        f"{_probability(document)} {document['runs']:,} runs of the simulator for "
-        f"{len(document['candidates'])} candidates{aim}."
+        f"{_probability(document)} {document['runs']:,} different runs of the simulator for "
+        f"{count(len(document['candidates']), 'candidate')}{aim}."
     )
     columns = heads("hyperparameter", ">std. error now", ">after")
     rows = [
@@ -344,7 +344,7 @@ def _gain(document: Document) -> str:
     """A sentence on the standard error after the chosen set, and on repetitions for the same."""
     chosen = document["chosen"]
     begin = (
-        f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
+        f"{count(len(chosen), 'experiment')}: {_error(document)} {_value(document['now'])} -> "
         f"{_value(chosen[-1]['standard_error'])}."
     )
     made, halving = document["made"], document.get("halving")
@@ -377,8 +377,9 @@ def _probability(document: Document) -> str:
         return ""
     now, after = (f"{number(low, 2)} to {number(high, 2)}" for low, high in found.values())
     return (
-        f" The probability is {number(document['probability'][0], 3)} at the estimate. Its 95 % "
-        f"range, by the reliability index, is {now} now and {after} after the set."
+        f" The probability is {number(document['probability'][0], 3)} at the estimate (aleator "
+        "predict has the mean over the plausible laws, too). Its 95 % range, by the reliability "
+        f"index, is {now} now and {after} after the set."
     )
 
 
@@ -413,6 +414,16 @@ def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, st
         notes.append(("Open", f"the experiments that were made leave it open.{so}"))
     elif lost:
         notes.append(("Cannot be simulated", f"{', '.join(lost[: amounts.candidates])}."))
+    if beyond := document.get("beyond"):
+        chosen = dict.fromkeys(row["id"] for row in document["chosen"])
+        far = [f"{name} ({beyond[name]})" for name in chosen if name in beyond]
+        more = f", and {len(far) - amounts.named} more" if len(far) > amounts.named else ""
+        if far:
+            notes.append((
+                "Beyond the tested conditions",
+                f"{', '.join(far[: amounts.named])}{more}. There the plan trusts the simulator and "
+                "the law, which no experiment has tested.",
+            ))  # fmt: skip
     largest = max(document["uncertain"].values(), default=0.0) or 0.0
     if largest > 0.0:
         known = f"errors of candidates are known to {number(largest, 2)}."

@@ -8,7 +8,6 @@ from typing import Any
 
 from aleator.results.answer import words
 from aleator.results.printed import (
-    NONE,
     Chapter,
     Content,
     Sentence,
@@ -49,17 +48,21 @@ _COMPUTED = Sentence("+-: the standard error of the computation.")
 
 def probabilities(columns: Columns, title: str) -> Content:
     """A table of probabilities with their intervals, and notes on how far they can be trusted."""
+    known = all(math.isnan(lower) for lower in columns["lower"])  # alpha as if it were known
     rows = [
         (
             chance(row["probability"]),
-            NONE if math.isnan(row["lower"])
-            else f"{chance(row['lower'])} .. {chance(row['upper'])}",
+            *(() if known else (f"{chance(row['lower'])} .. {chance(row['upper'])}",
+                                chance(row["at_estimate"]))),
             chance(row["error"], 1), beyond(row.get("beyond")),
             _note(row["status"]),
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    notes = []
+    notes = [] if known else [
+        "Probability: the mean over the plausible laws. At the estimate: that of the identified "
+        "law alone."
+    ]  # fmt: skip
     if "unsettled" in columns["status"]:
         notes.append(
             "unsettled: the last runs of the simulator still change the probability, or leave open "
@@ -81,7 +84,8 @@ def probabilities(columns: Columns, title: str) -> Content:
             "--checks do not count here: they lie near the event that the surface shows. This is "
             "no error of the probabilities above: theirs are the interval and +-."
         )
-    values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
+    uncertain = () if known else (">95 % interval", ">at the estimate")
+    values = (">probability", *uncertain, ">+-", ">beyond", "~note")
     return _content(title, columns, values, rows, _COMPUTED, *map(Sentence, notes))
 
 
