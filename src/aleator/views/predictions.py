@@ -8,12 +8,16 @@ from typing import Any
 
 from aleator.results.answer import words
 from aleator.results.printed import (
+    AMOUNTS,
+    NONE,
+    Amounts,
     Chapter,
     Content,
     Sentence,
     TextTable,
     chance,
     heads,
+    listed,
     number,
 )
 from aleator.views.identification import exponential
@@ -46,23 +50,19 @@ def distributions(columns: Columns, outcome: str, transform: str = "none") -> Co
 _COMPUTED = Sentence("+-: the standard error of the computation.")
 
 
-def probabilities(columns: Columns, title: str) -> Content:
+def probabilities(columns: Columns, title: str, amounts: Amounts = AMOUNTS) -> Content:
     """A table of probabilities with their intervals, and notes on how far they can be trusted."""
-    known = all(math.isnan(lower) for lower in columns["lower"])  # alpha as if it were known
     rows = [
         (
             chance(row["probability"]),
-            *(() if known else (f"{chance(row['lower'])} .. {chance(row['upper'])}",
-                                chance(row["at_estimate"]))),
+            NONE if math.isnan(row["lower"])
+            else f"{chance(row['lower'])} .. {chance(row['upper'])}",
             chance(row["error"], 1), beyond(row.get("beyond")),
             _note(row["status"]),
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    notes = [] if known else [
-        "Probability: the mean over the plausible laws. At the estimate: that of the identified "
-        "law alone."
-    ]  # fmt: skip
+    notes = [] if all(map(math.isnan, columns["lower"])) else [_means(columns, amounts)]
     if "unsettled" in columns["status"]:
         notes.append(
             "unsettled: the last runs of the simulator still change the probability, or leave open "
@@ -84,9 +84,15 @@ def probabilities(columns: Columns, title: str) -> Content:
             "--checks do not count here: they lie near the event that the surface shows. This is "
             "no error of the probabilities above: theirs are the interval and +-."
         )
-    uncertain = () if known else (">95 % interval", ">at the estimate")
-    values = (">probability", *uncertain, ">+-", ">beyond", "~note")
+    values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
     return _content(title, columns, values, rows, _COMPUTED, *map(Sentence, notes))
+
+
+def _means(columns: Columns, amounts: Amounts) -> str:
+    """A sentence that tells the mean over plausible laws from the probability at the estimate."""
+    alone = [chance(value) for value in columns["at_estimate"]]
+    told = listed(alone) if len(alone) <= amounts.named else "in the column at_estimate of --output"
+    return f"Probability: the mean over the plausible laws; at the estimate alone it is {told}."
 
 
 def limits(columns: Columns, title: str) -> Content:
