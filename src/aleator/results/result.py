@@ -28,6 +28,7 @@ from aleator.results.values import (
     ObservationReport,
     ParameterCorrelation,
     Plain,
+    PlausibleLaws,
     plain_fields,
     typed,
 )
@@ -44,7 +45,8 @@ class Result(Plain):
     `sound` is true only if three things hold: the search converged; every density was solved, with
     the outcome in its support; and the verification on the simulator agrees, if it was made.
     `undetermined` names the hyperparameters whose values the experiments leave open: other values,
-    far away or all between the limits, are as likely.
+    far away or all between the limits, are as likely. `plausible` says how the laws that the
+    experiments leave plausible are drawn for predictions; None in files of earlier versions.
     `consistency` says whether the experiments contradict the identified model. `density` names the
     likelihood method and `quadrature` its number of nodes. `correlation` (F, F) is the correlation
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
@@ -94,6 +96,7 @@ class Result(Plain):
     propagation_reason: str = ""
     levels: Mapping[str, str] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
+    plausible: PlausibleLaws | None = None
 
     def __post_init__(self) -> None:
         if self.observations:
