@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +10,12 @@ import pandas as pd
 import pytest
 from identifications import unjudged
 from problems import BINDING, GROWTH, NOISY, PRODUCT, REGRESSION, Problem, title
-from scipy import stats
+from scipy import optimize, stats
 
 from aleator import (
     By,
     Check,
+    Constant,
     Free,
     GradientMultistart,
     Identification,
@@ -24,6 +26,8 @@ from aleator import (
     StudentError,
 )
 from aleator.errors import InputsError
+from aleator.results import documents
+from aleator.results.values import PlausibleLaws
 from aleator.tasks.predict import predict
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -269,3 +273,41 @@ def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:
     ratio = known["standard_deviation"][0] / alone["standard_deviation"][0]
     assert 1.0 < ratio < 1.1
     assert abs(known["skewness"][0]) < 0.1
+
+
+def test_a_ridge_of_which_only_the_product_is_seen_leaves_predictions_exact() -> None:
+    """y = a b of a normal a and a constant b: a normal sample, whatever a and b are (synthetic).
+
+    P(y > t) has an interval by the noncentral t law, as has the upper tolerance limit. Normal draws
+    of the hyperparameters leave the ridge: 0.000 to 0.067 for 0.007 to 0.106, and 2.64 for 2.80.
+    """
+    size, t = 30, 2.7
+    y = 2.0 + 0.5 * np.random.default_rng(0).standard_normal(size)
+    found = unjudged(
+        lambda z, a, b: z * a * b, pd.DataFrame({"z": np.ones(size), "y": y}),
+        Inputs({"a": Normal(Free(0.2, 8.0), Free(0.02, 4.0)), "b": Constant(Free(0.25, 4.0))}),
+        outcome="y", vectorized=True, noise=Noise(0.05), verification=Check(0),
+    )  # fmt: skip
+    mean, sd, root = y.mean(), y.std(ddof=1), np.sqrt(size)
+
+    def excess(p: float, level: float) -> float:
+        k = (t - mean) / sd * root
+        return stats.nct.cdf(k, size - 1, stats.norm.isf(p) * root) - level
+
+    exact = [optimize.brentq(excess, 1e-5, 0.6, (level,)) for level in (0.025, 0.975)]
+    told = found.probability(f"y > {t}", {"z": [1.0]})
+    assert told[["lower", "upper"]].to_numpy()[0] == pytest.approx(exact, abs=0.02)
+    assert told["lower"][0] > 0.002
+    limit = mean + sd / root * stats.nct.ppf(0.9, size - 1, stats.norm.ppf(0.95) * root)
+    design = found.tolerance(0.95, 0.9, {"z": [1.0]}, side="upper")
+    assert design["upper"][0] == pytest.approx(limit, abs=0.08)
+    assert found.plausible.status == "by_likelihood"
+    assert told.attrs["plausible"]["agreement"] < 0.4
+    again = Identification.from_document(json.loads(documents.to_json(found.to_dict())))
+    assert again.plausible == found.plausible
+    poor = replace(found, plausible=PlausibleLaws("poor", 0.05))
+    for table in (poor.probability(f"y > {t}", {"z": [1.0]}), poor.predict({"z": [1.0]}),
+                  poor.tolerance(0.95, 0.9, {"z": [1.0]})):  # fmt: skip
+        assert table["status"].tolist() == ["poor_draws"]
+    kept = poor.predict({"z": [1.0]}, uncertainty=False)
+    assert kept["status"].tolist() == ["solved"]

@@ -29,6 +29,7 @@ from aleator.cli.running import (
 )
 from aleator.core.arithmetic import share_of
 from aleator.errors import AleatorError, short
+from aleator.inference.diagnostics import plausible_warnings
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import Tolerance
 from aleator.observations.experiments import Conditions
@@ -37,6 +38,7 @@ from aleator.results import documents
 from aleator.results.printed import Content
 from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
+from aleator.results.values import PlausibleLaws
 from aleator.simulators import Runner
 from aleator.simulators.parameter import ParameterItself
 from aleator.study import Study, load_study
@@ -82,6 +84,22 @@ def without_values(found: pd.DataFrame, runner: Runner) -> Iterator[str]:
             f"note: {endless} of {len(found)} rows are infinite: the simulator returns infinity "
             "there; see whether the conditions are possible"
         )
+
+
+def _drawn(plausible: PlausibleLaws | None) -> Iterator[str]:
+    """Notes on how plausible laws were drawn, where normal draws do not agree with the likelihood.
+
+    None for an answer of an earlier version, of which this is not known.
+    """
+    if plausible is None:
+        return
+    if plausible.status == "by_likelihood":
+        yield (
+            "note: the laws that the experiments leave plausible were drawn by the likelihood "
+            f"(effective number {plausible.effective:.0f}): normal draws do not agree with it"
+        )
+    for warning in plausible_warnings(plausible):
+        yield f"warning: {warning.message}. Remedy: {warning.remedy}"
 
 
 @dataclass(frozen=True)
@@ -379,22 +397,20 @@ def predict(
             options.watch.counts(lambda: runner.runs)
         runner.progress = progress
         found = request.table(
-            answer, table, of=of, noise=not no_noise, uncertainty=draws or False, progress=progress
-        )
+            answer, table, of=of, noise=not no_noise, uncertainty=not no_uncertainty,
+            progress=progress,
+        )  # fmt: skip
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
-    if draws is not None and answer.undetermined:
-        options.say(
-            f"warning: the experiments do not determine {', '.join(answer.undetermined)}. Their "
-            "draws may leave the values that agree with the experiments: ranges may be far too "
-            "wide, and means and probabilities wrong. Compare with --no-uncertainty, or fix one"
-        )
+    for note in _drawn(answer.plausible) if draws is not None else ():
+        options.say(note)
     for note in without_values(found, runner):
         options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
-        "beyond": found.attrs["beyond"], "rows": found.to_dict("records"),
+        "beyond": found.attrs["beyond"], "plausible": found.attrs.get("plausible"),
+        "rows": found.to_dict("records"),
     }  # fmt: skip
     if output is None:
         for content in predicted(made):

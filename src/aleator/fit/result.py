@@ -23,13 +23,14 @@ from aleator.fit.search import GUESSES, LeastSquares, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
 from aleator.fit.uncertainty import Inferred
 from aleator.inference import diagnostics, surface_diagnostics
-from aleator.inference.alpha_draws import alpha_draws, estimated
+from aleator.inference.alpha_draws import Estimated, estimated
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
 from aleator.inference.factors import factor_effects
 from aleator.inference.information import Inference
 from aleator.inference.law_ranges import law_ranges
-from aleator.inference.likelihood_at import OutcomesAt
+from aleator.inference.likelihood_at import IndividualsAt, OutcomesAt
+from aleator.inference.likelihood_draws import plausible_draws, plausible_laws
 from aleator.inference.profile import Profile
 from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
@@ -53,6 +54,7 @@ from aleator.results.values import (
     LogLikelihoodReport,
     ObservationReport,
     ParameterCorrelation,
+    PlausibleLaws,
 )
 from aleator.search import SearchResult
 from aleator.search.interface import Hill, LogLikelihood
@@ -95,13 +97,16 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     estimates = estimates_of(alpha, hyperparameters, inference, profile)
     names = tuple(hyperparameters[k].name for k in inference.free)
     correlation = tuple(tuple(row) for row in inference.correlation.tolist())
-    draws = alpha_draws(estimated(estimates, names, correlation, hyperparameters))
+    known = estimated(estimates, names, correlation, hyperparameters)
+    with ledger.stage("plausible laws"):
+        plausible = _plausible(certain, known)
+    notes += diagnostics.plausible_warnings(plausible)
     return Result(
         alpha=estimates,
         ranges=law_ranges(
             likelihood.inputs,
             hyperparameters,
-            draws,
+            plausible_draws(known, plausible),
             len(table.ids),
             covariates(table, likelihood.inputs.covariates),
         ),
@@ -114,6 +119,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         levels=dict(question.inputs.levels),
         sound=reviewed.sound,
         undetermined=reviewed.undetermined,
+        plausible=plausible,
         warnings=(*reviewed.warnings, *notes),
         failures=diagnostics.failure_report(question.runner) if failing else None,
         correlation_names=names,
@@ -134,6 +140,20 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         ),
         **own,
     )
+
+
+def _plausible(certain: Inferred, known: Estimated) -> PlausibleLaws:
+    """The laws that the experiments leave plausible, by the coarsest nodes that are accurate."""
+    end, likelihood = certain.maximum, certain.maximum.likelihood
+    if isinstance(likelihood, Problem):
+        objective = OutcomesAt(likelihood, end.alpha).objective()
+    else:
+        assert end.coarse is not None
+        objective = IndividualsAt(likelihood, end.alpha, end.coarse.rule).rough().objective()
+    ends = certain.profile.points.reshape(-1, end.alpha.size)
+    near = [*ends[np.all(np.isfinite(ends), axis=1)]]
+    near += [rival.alpha for rival in certain.rivals if rival.as_high]
+    return plausible_laws(known, objective, near)
 
 
 def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:

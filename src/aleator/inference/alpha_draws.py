@@ -103,7 +103,7 @@ class AlphaDraws:
     """Draws (A, K) of alpha with weights (A,) that sum to one; `estimate` (K,) is the maximum.
 
     `z` (A, K) are the normal variates from which the draws are made. `log_density` (A,) is the
-    logarithm of the density of the draws divided by the prior density, up to a constant; the
+    logarithm of the density of the draws divided by the prior density, zero at the estimate; the
     likelihood is divided by it when the draws are weighted. `fixed` (H,) are the free
     hyperparameters whose uncertainty is unknown: they keep their estimate. `effective` is the
     number of equally weighted draws that would be as precise.
@@ -124,6 +124,12 @@ class AlphaDraws:
         """The estimate as the only draw: alpha is treated as known exactly."""
         one = np.ones(1)
         return cls(alpha, alpha[None], one, np.zeros((1, alpha.size)), 0.0 * one,
+                   np.empty(0, np.intp))  # fmt: skip
+
+    @classmethod
+    def weighted(cls, estimate: Array, alpha: Array, weights: Array) -> AlphaDraws:
+        """Draws alpha (A, K) that were weighted by the likelihood already."""
+        return cls(estimate, alpha, weights, np.zeros_like(alpha), np.zeros(len(alpha)),
                    np.empty(0, np.intp))  # fmt: skip
 
     @property
@@ -201,11 +207,21 @@ def alpha_draws(
         alpha[:, k] = scale(z[:, k])
         log_density -= scale.bend * z[:, k]
         if known.scale[k] and scale.whole:
-            log_density += np.log(np.maximum(alpha[:, k], np.finfo(float).tiny))
+            log_density += np.log(np.maximum(alpha[:, k], np.finfo(float).tiny) / known.alpha[k])
     inside = np.all((alpha >= known.limits[:, 0]) & (alpha <= known.limits[:, 1]), axis=1)
     chosen = np.flatnonzero(inside)[:count]
     weights = np.full(chosen.size, 1.0 / chosen.size)
     return AlphaDraws(known.alpha, alpha[chosen], weights, z[chosen], log_density[chosen], held)
+
+
+def inverse_prior(known: Estimated) -> Flags:
+    """Which hyperparameters (K,) have the prior 1/alpha: scales with an interval in their limits.
+
+    All others have a flat prior (see `AlphaDraws.reweighted`).
+    """
+    scales = [_Profiled.of(known, k) for k in range(known.alpha.size)]
+    whole = np.array([scale is not None and scale.whole for scale in scales], dtype=bool)
+    return np.asarray(known.scale & whole)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.observations.responses import Observations
-from aleator.results.values import Diagnostic, FailureReport
+from aleator.results.values import Diagnostic, FailureReport, PlausibleLaws
 from aleator.search import SearchResult, wide_limits
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner, working_box
@@ -487,6 +487,23 @@ def rival_warnings(
             "not be the physical one",
             "judge by what the parameters may be; limits that leave out one of them give the other",
             tuple(hyperparameters[k].name for k in best.moved),
+        )
+    ]
+
+
+def plausible_warnings(plausible: PlausibleLaws) -> list[Diagnostic]:
+    """A warning where no draws of alpha represent the likelihood."""
+    if plausible.status != "poor":
+        return []
+    share, effective = plausible.agreement or 0.0, plausible.effective or 0.0
+    return [
+        Diagnostic(
+            "predictions",
+            "the laws that the experiments leave plausible could not be drawn: the likelihood "
+            f"accepts {share:.0%} of normal draws of the hyperparameters, and draws by the "
+            f"likelihood count as {effective:.2g}. Predictions with uncertainty, and the ranges of "
+            "laws, may be far too wide, and means and probabilities wrong",
+            "compare with predictions at the estimate, or fix a hyperparameter",
         )
     ]
 

@@ -258,6 +258,8 @@ VERBS = {">": "exceeds", ">=": "is at least", "<": "is below", "<=": "is at most
 CAUTIONS = {
     "unsettled": "more runs of the simulator may change this",
     "runs_failed": "runs of the simulator fail there",
+    "poor_draws": "laws that the experiments leave plausible are not drawn well, so that this may "
+    "be wrong",
     "never": "no parameters within 6.5 standard deviations of the law lead there",
     "always": "all parameters within 6.5 standard deviations of the law lead there",
 }
@@ -266,7 +268,6 @@ CAUTIONS = {
 
 def _answers(document: Document) -> Iterator[Sentence]:
     """A sentence for each answer to a question: under which conditions, and what was answered."""
-    open_ = "the experiments do not determine the law, so that this may be wrong"
     for entry in document.get("answers") or ():
         answer: OutcomeAnswer = typed(OutcomeAnswer, entry)
         of, unit = answer.outcome, _unit(document, answer.outcome)
@@ -283,7 +284,6 @@ def _answers(document: Document) -> Iterator[Sentence]:
             told = [f"{_event(answer, answer.event, whose, unit)} {_share(answer)}"]
         if not answer.reason:
             told += [CAUTIONS.get(answer.status, ""), beyond]
-            told += [open_] if document.get("undetermined") else []
         yield _found(
             f"At {listed(at)}" if at else "A new experiment", "; ".join(filter(None, told))
         )

@@ -29,6 +29,7 @@ from aleator.results.values import (
     OutcomeAnswer,
     ParameterCorrelation,
     Plain,
+    PlausibleLaws,
     plain_fields,
     typed,
 )
@@ -45,7 +46,8 @@ class Result(Plain):
     `sound` is true only if three things hold: the search converged; every density was solved, with
     the outcome in its support; and the verification on the simulator agrees, if it was made.
     `undetermined` names the hyperparameters whose values the experiments leave open: other values,
-    far away or all between the limits, are as likely.
+    far away or all between the limits, are as likely. `plausible` says how the laws that the
+    experiments leave plausible are drawn for predictions; None in files of earlier versions.
     `consistency` says whether the experiments contradict the identified model. `density` names the
     likelihood method and `quadrature` its number of nodes. `correlation` (F, F) is the correlation
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
@@ -97,6 +99,7 @@ class Result(Plain):
     levels: Mapping[str, str] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
     answers: tuple[OutcomeAnswer, ...] = ()
+    plausible: PlausibleLaws | None = None
 
     def __post_init__(self) -> None:
         if self.observations:

@@ -340,6 +340,11 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
     ):
         if strange := [name for name in names if name not in answer.alpha]:
             return key, f"names {strange[0]}, which is no key of alpha"
+    laws = answer.plausible
+    if laws is not None and any(len(row) != len(answer.alpha) for row in laws.alpha or ()):
+        return "plausible.alpha", "has rows that are not of alpha"
+    if laws is not None and len(laws.alpha or ()) != len(laws.weights or ()):
+        return "plausible.weights", "are not one for each row of plausible.alpha"
     if answer.consistency is not None and "consistent" not in answer.model_fields_set:
         return "consistent", "is missing"
     ids = {one.id for one in answer.experiments}

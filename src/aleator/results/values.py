@@ -157,6 +157,31 @@ class OutcomeAnswer(Plain):
 
 
 @dataclass(frozen=True)
+class PlausibleLaws(Plain):
+    """How the laws that the experiments leave plausible are drawn, and how well that is possible.
+
+    `status` is "normal" if draws of alpha from its intervals and correlations agree with the
+    likelihood, "by_likelihood" if draws weighted by the likelihood take their place, and "poor" if
+    neither represents it: predictions with uncertainty may then be wrong. `agreement` is that of
+    the normal draws, between zero and one (see `inference.likelihood_draws.agreement`); None where
+    there are none. `effective` is the effective number of draws by the likelihood (Kish,
+    1965), `alpha` (A, K) and `weights` (A,) are these draws.
+    """
+
+    status: str
+    agreement: float | None = None
+    effective: float | None = None
+    alpha: tuple[tuple[float, ...], ...] = ()
+    weights: tuple[float, ...] = ()
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The status with its numbers, without the draws."""
+        names = ("status", "agreement", "effective")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
 class LawEnds(Plain):
     """The two ends of the range that holds 95 % of a law, and how sure they are.
 

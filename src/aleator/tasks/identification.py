@@ -17,6 +17,7 @@ from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
+from aleator.inference.likelihood_draws import plausible_draws
 from aleator.inference.outcome_question import Tolerance
 from aleator.inference.pictures import PICTURES, opening_pictures, pictures
 from aleator.laws import Hyperparameter
@@ -141,18 +142,20 @@ class Identification(Result):
         """Draws of alpha that represent its uncertainty, with weights, within its limits.
 
         They are drawn from the estimates, their intervals and correlations (see `alpha_draws`),
-        which a file has too. With `by_likelihood` they are weighted by the likelihood itself, which
+        which a file has too. Where such draws do not agree with the likelihood, they are the
+        draws by the likelihood that the identification made (see `plausible`): no more than those,
+        whatever the `seed`. With `by_likelihood` they are weighted by the likelihood itself, which
         is exact also for very skew intervals and few experiments, and takes one evaluation of the
         likelihood for each draw. Raises AleatorError if the identification was read from a file
         without inputs, and with `by_likelihood` if it was read from any file.
         """
-        found = alpha_draws(
-            estimated(self.alpha, self.correlation_names, self.correlation, self._hyperparameters),
-            count,
-            seed,
-            DRAWING.wide if by_likelihood else 1.0,
+        known = estimated(
+            self.alpha, self.correlation_names, self.correlation, self._hyperparameters
         )
-        return found.reweighted(kept(self.session.fit).objective()) if by_likelihood else found
+        if not by_likelihood:
+            return plausible_draws(known, self.plausible, count, seed)
+        found = alpha_draws(known, count, seed, DRAWING.wide)
+        return found.reweighted(kept(self.session.fit).objective())
 
     def predict(
         self,
@@ -183,13 +186,16 @@ class Identification(Result):
         The table has a row for each row of the conditions and each outcome. Its first columns are
         the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name, and
         ``attrs["beyond"]`` says by row which conditions lie outside those of the experiments, and
-        how far. If the outcome has a "log" transform, all predicted values are of the logarithm,
-        and a column ``scale`` is "log". Raises AleatorError
+        how far; ``attrs["plausible"]`` how well the plausible laws are drawn, and the status is
+        "poor_draws" where their draws do not represent the likelihood. If the outcome has a "log"
+        transform, all predicted values are of the logarithm, and a column ``scale`` is "log".
+        Raises AleatorError
         if the identification was read from a file without the simulator. Cost: with a slow
         simulator the runs of one response surface for each condition.
         """
         draws = self._taken(uncertainty)
-        return self._with_units(self.session.predict(at, draws, quantiles, progress, of, noise))
+        found = self.session.predict(at, draws, quantiles, progress, of, noise)
+        return self._told(found, uncertainty)
 
     def probability(
         self,
@@ -232,7 +238,8 @@ class Identification(Result):
         draws = self._taken(uncertainty)
         asked = self.session.event(event, self.units)
         context = self.session.event_context(asked, at, draws.estimate, of, noise)
-        return self._with_units(probabilities(context, draws, asked, checks, progress))
+        found = probabilities(context, draws, asked, checks, progress)
+        return self._told(found, uncertainty)
 
     def p_box(
         self,
@@ -287,12 +294,22 @@ class Identification(Result):
         which = np.flatnonzero(
             np.isin(context.seen.response, requested_responses(context, outcome))
         )
-        return self._with_units(limits(context, draws, requested, which, progress))
+        return self._told(limits(context, draws, requested, which, progress), uncertainty)
 
-    def _with_units(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The table of predictions with the units of its conditions and outcomes by name."""
+    def _told(self, table: pd.DataFrame, uncertainty: bool | AlphaDraws) -> pd.DataFrame:
+        """The table of predictions with units by name, and with how well plausible laws are drawn.
+
+        ``attrs["plausible"]`` has the status, agreement and effective number of `plausible`, if its
+        draws are used. Where they are poor, rows that are solved have the status "poor_draws".
+        """
         names = [*map(str, table.columns), *table["outcome"].unique()]
         table.attrs["units"] = {name: self.units[name] for name in names if name in self.units}
+        if uncertainty is not True or self.plausible is None:
+            return table
+        table.attrs["plausible"] = self.plausible.summary
+        if self.plausible.status == "poor":
+            status = table["status"] if "status" in table else ["solved"] * len(table)
+            table["status"] = ["poor_draws" if each == "solved" else each for each in status]
         return table
 
     def _taken(self, uncertainty: bool | AlphaDraws) -> AlphaDraws:
