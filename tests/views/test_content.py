@@ -77,6 +77,23 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
         assert part in words(text(content))
 
 
+def test_a_covariate_that_may_be_missing_is_told_beside_the_verdict_by_every_writer() -> None:
+    test = {"kind": "relation", "of": "fast", "column": "moisture", "where": None, "z": 2.6,
+            "p": 0.012, "corrected": 0.56}  # fmt: skip
+    hint = {"test": test | {"corrected": 0.024}, "message": "fast is larger", "remedy": "let it"}
+    second = {"p": 0.15, "replicates": 200, "discrepancies": [], "tests": [test], "reason": "",
+              "outliers": [], "covariate": hint}  # fmt: skip
+    content = answer(told := result(consistent=True, consistency=second))
+    assert [verdict.kind for verdict in content.verdicts] == ["good", "good", "open"]
+    for number in ("0.012", "0.024", "0.56"):
+        assert number in content.verdicts[2].text
+    head = verdict_head(content.verdicts[2]).rstrip(".")
+    assert "fast" in head
+    assert "moisture" in head
+    for written in (text(content), first_screen(told), page(told), text(brief(told))):
+        assert head in words(written)
+
+
 def test_laws_that_are_left_open_are_in_the_first_words_of_every_writer() -> None:
     open_ = result(undetermined=("c2_scale.mean",))
     content = answer(open_)

@@ -222,15 +222,19 @@ def log_likelihood(document: Document) -> Sentence:
 def verdicts(document: Document) -> tuple[Sentence, ...]:
     """The two verdicts: is the computation sound, and is the model consistent with the experiments?
 
-    The first also says which laws the experiments leave open although the computation is sound.
+    The first also says which laws the experiments leave open although the computation is sound. A
+    third sentence names a column that may be a missing covariate.
 
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
     ['NOT computed soundly: do not use the estimates before the warnings are dealt with (search).']
     >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
     ['open']
     """
-    first = [_soundness(document)] if "sound" in document else []
-    return (*first, *([_agreement(document)] if document.get("consistency") else []))
+    found = [_soundness(document)] if "sound" in document else []
+    if second := document.get("consistency"):
+        found.append(_agreement(document))
+        found += [_covariate(document, one)] if (one := second.get("covariate")) else []
+    return tuple(found)
 
 
 def _soundness(document: Document) -> Sentence:
@@ -332,6 +336,20 @@ def _agreement(document: Document) -> Sentence:
     if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
         said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
+
+
+def _covariate(document: Document, row: Document) -> Sentence:
+    """A hint at a covariate, with its probability alone, among such relations, and among all."""
+    test, tests = row["test"], document["consistency"]["tests"]
+    whole = next(one for one in tests if one | {"corrected": test["corrected"]} == test)
+    of = "the outcome" if test["of"] == "outcomes" else test["of"]
+    return Sentence(
+        f"Perhaps {of} depends on {test['column']}: {row['message']} (p = {number(test['p'], 2)} "
+        f"by itself, {number(test['corrected'], 2)} among the relations to columns, "
+        f"{number(whole['corrected'], 2)} among all {len(tests)} tests).",
+        "open",
+        remedy=f"{row['remedy']}; then compare both models",
+    )
 
 
 def _neighbours(document: Document, level: float = REPORTED.level) -> str:

@@ -8,6 +8,7 @@ from datetime import timedelta
 from itertools import groupby
 from typing import Any
 
+from aleator.observations.gross_errors import Slip
 from aleator.results.printed import (
     AMOUNTS,
     NONE,
@@ -69,11 +70,10 @@ def first_look(document: Document) -> Content:
         parts.append(Sentence(text, "plain", "Noise"))
     parts += [
         Sentence(
-            f"{slip['row']}: {label(document, slip['response'])} = {number(slip['value'])}, where "
-            f"{number(slip['fits'])} would lie among the others.",
-            "warning", "A wrong sign or a misplaced decimal point?",
+            str(Slip(row["row"], label(document, row["response"]), row["value"], row["fits"])),
+            "warning", "Table",
         )
-        for slip in document.get("gross_errors") or ()
+        for row in document.get("gross_errors") or ()
     ]  # fmt: skip
     if fault := document["array_fault"]:
         text = (
