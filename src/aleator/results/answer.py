@@ -261,28 +261,57 @@ def _soundness(document: Document) -> Sentence:
         )
     else:
         checked = "; not verified on the simulator"
-    if names := document.get("undetermined"):
-        open_ = _left_open(document, names)
+    if doubts := [*_doubts(document)]:
+        what, why, remedies = ([*dict.fromkeys(part)] for part in zip(*doubts, strict=True))
         return Sentence(
-            f"Computed soundly, but the experiments do not determine {open_}: "
-            f"other values of {listed(names)}, elsewhere or anywhere between the limits, are not "
-            "ruled out. Take the answer for the outcome under the tested conditions, not for what "
-            f"is left open. {what[0].upper()}{what[1:]}{checked}.",
+            f"Computed soundly, but {', and '.join(what)}: {'; '.join(why)}.",
             "open",
-            remedy="measure under more varied conditions, measure several values an experiment, or "
-            "give a hyperparameter a known value",
-        )
-    if names := cut_by_limits(document):
-        several = len(names) > 1
-        return Sentence(
-            f"Computed soundly, but limits cut the 95 % interval{'s' if several else ''} of "
-            f"{listed(names)}: beyond {'them' if several else 'it'} the experiments rule out "
-            f"nothing. {what[0].upper()}{what[1:]}{checked}.",
-            "open",
-            remedy="where a limit is not physical, widen it (box, or lower and upper) and identify "
-            "again",
+            remedy="; ".join(remedies),
         )
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def _doubts(document: Document) -> Iterator[tuple[str, str, str]]:
+    """What the experiments leave open: in the words of a verdict, what it means, and its remedy.
+
+    >>> one = {"alpha": {"k.sd": {"at_bound": "lower"}, "k.mean": {"cut": "upper"}}}
+    >>> for what, *_ in _doubts(one):
+    ...     print(what)
+    k.sd ends on its lower limit
+    a limit cuts the 95 % interval of k.mean
+    """
+    alpha, left = document["alpha"], list(document.get("undetermined") or ())
+    if left:
+        yield (
+            f"the experiments do not determine {_left_open(document, left)}",
+            f"other values of {listed(left)} are not ruled out, and the answer is sure of the "
+            "outcome under the tested conditions only",
+            "measure under more varied conditions, or several values an experiment, or give a "
+            "hyperparameter a known value",
+        )
+    ends = {name: side for name, entry in alpha.items()
+            if (side := entry.get("at_bound")) and name not in left}  # fmt: skip
+    for name, side in ends.items():
+        of, _, what = name.rpartition(".")
+        flat = side == "lower" and what == "sd" and of != "noise" and not of.startswith("noise.")
+        yield (
+            f"{name} ends on its {side} limit",
+            f"no scatter of {of} is seen in these data"
+            if flat
+            else f"the most likely {name} may lie beyond",
+            'take law = "constant" for a parameter that need not scatter' if flat else WIDEN,
+        )
+    if cut := [name for name in cut_by_limits(document) if name not in {*left, *ends}]:
+        several = len(cut) > 1
+        yield (
+            f"{'limits cut' if several else 'a limit cuts'} the 95 % "
+            f"interval{'s' if several else ''} of {listed(cut)}",
+            f"nothing is ruled out beyond {'these limits' if several else 'that limit'}",
+            WIDEN,
+        )
+
+
+WIDEN = "where a limit is not physical, widen it (box, or lower and upper) and identify again"
 
 
 def cut_by_limits(document: Document) -> list[str]:

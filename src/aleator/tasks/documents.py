@@ -23,6 +23,7 @@ def look_document(
     cost: Cost | None,
     workers: int,
     held: Mapping[str, Mapping[str, float]],
+    understated: Mapping[str, Mapping[str, float]],
     array_fault: str,
     table: Experiments,
 ) -> dict[str, Any]:
@@ -30,7 +31,8 @@ def look_document(
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
     comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
-    are the known numbers of the noise on which the law rests, and `array_fault` says why a
+    are the known numbers of the noise on which the law rests, `understated` has the responses whose
+    repeats scatter more than the noise explains, and `array_fault` says why a
     function that was tried with arrays is called once a run. `gross_errors` has the row of the
     `table`, the value, and the value that would fit, of what looks like a slip of the pen.
     """
@@ -67,6 +69,7 @@ def look_document(
         ],
         "lost": dict(look.lost),
         "fixed_noise": {name: dict(one) for name, one in held.items()},
+        "understated_noise": {name: dict(one) for name, one in understated.items()},
         "array_fault": array_fault,
         "gross_errors": [
             {"row": slip.place, "response": slip.response, "value": slip.value, "fits": slip.fits}
@@ -88,6 +91,7 @@ def look_document(
             }
             for k, name in enumerate(look.ids)
         ],
+        "noises_beyond": look.noises_beyond,
         "out_of_reach": [look.ids[k] for k in look.out_of_reach],
         "cost": None
         if cost is None
