@@ -262,9 +262,9 @@ def _soundness(document: Document) -> Sentence:
     else:
         checked = "; not verified on the simulator"
     if doubts := [*_doubts(document)]:
-        what, why, remedies = ([*dict.fromkeys(part)] for part in zip(*doubts, strict=True))
+        said, why, remedies = ([*dict.fromkeys(part)] for part in zip(*doubts, strict=True))
         return Sentence(
-            f"Computed soundly, but {', and '.join(what)}: {'; '.join(why)}.",
+            f"Computed soundly, but {', and '.join(said)}: {'; '.join(why)}.",
             "open",
             remedy="; ".join(remedies),
         )
