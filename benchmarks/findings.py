@@ -481,8 +481,9 @@ def judge(name: str, seed: int) -> Entry:
 
 
 def _told(found: Consistency) -> dict[str, Any]:
-    tests = [d.test for d in found.discrepancies]
+    tests, hint = [d.test for d in found.discrepancies], found.covariate
     return {"consistent": found.consistent, "p": found.p,
+            "covariate": None if hint is None else [hint.test.of, hint.test.column],
             "told": [[t.kind, t.of, t.column, t.where] for t in tests]}  # fmt: skip
 
 
@@ -498,12 +499,12 @@ def print_findings(console: Console, path: Path, replicates: int) -> None:
         after = sum(e["mended"]["consistent"] is False for e in some)
         wrong.add_row(name, *map(str, (len(some), len(found), named, after)))
     console.print(wrong)
-    right = Table("right model", "data sets", "called inconsistent", "by")
+    right = Table("right model", "data sets", "called inconsistent", "covariate hinted", "by")
     for name in RIGHT:
         some = [entry["right"] for key, entry in entries.items() if key[0] == name]
         told = [e["told"][0] for e in some if e["consistent"] is False]
         kinds = Counter(f"{kind} of {of}" for kind, of, *_ in told)
-        right.add_row(
-            name, str(len(some)), str(len(told)), ", ".join(f"{k} {n}" for k, n in kinds.items())
-        )
+        hinted = sum(e["covariate"] is not None for e in some)
+        by = ", ".join(f"{k} {n}" for k, n in kinds.items())
+        right.add_row(name, *map(str, (len(some), len(told), hinted)), by)
     console.print(right)

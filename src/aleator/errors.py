@@ -8,7 +8,8 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,23 @@ class ClusterError(AleatorError):
 
 class InputsError(AleatorError):
     """A law, a hyperparameter, or the range of a value is inadmissible."""
+
+
+@contextmanager
+def naming(place: str) -> Iterator[None]:
+    """Put the name of a law, or of another place, before the problem of an InputsError.
+
+    >>> try:
+    ...     with naming("LogNormal"):
+    ...         raise InputsError("mean has no limits", "give two")
+    ... except InputsError as error:
+    ...     print(error.problem)
+    LogNormal: mean has no limits
+    """
+    try:
+        yield
+    except InputsError as error:
+        raise InputsError(f"{place}: {error.problem}", error.remedy) from None
 
 
 def installing(extra: str) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aleator import By, Experiments, Inputs, Noise, Normal, identify
+from aleator import By, Experiments, Free, Inputs, Noise, Normal, identify
 
 MEANS = {"a": 1.0, "b": 2.5, "c": 1.4}
 SD, NOISE = 0.5, 0.3
@@ -36,5 +36,19 @@ def test_levels_of_a_linear_model_with_known_errors() -> None:
     error = np.sqrt(variance * (1.0 / n["a"] + 1.0 / n["b"]))
     assert effect.difference == pytest.approx(mean["b"] - mean["a"], rel=1e-4)
     assert effect.standard_error == pytest.approx(error, rel=1e-4)
+    # The profile's ends are within 0.01 standard errors.
     reach = stats.norm.isf(0.025 / 3) * error
-    assert np.subtract(effect.interval, effect.difference) == pytest.approx([-reach, reach], 1e-4)
+    assert np.subtract(effect.interval, effect.difference) == pytest.approx([-reach, reach], 6e-3)
+
+
+def test_a_difference_that_is_one_coefficient_has_its_interval() -> None:
+    """Of six experiments the profile's interval is wider than the estimate -+ 1.96 errors."""
+    table = pd.DataFrame({"y": [0.2, 1.1, 0.7, 2.4, 1.9, 3.0], "by": [*"aaabbb"]})
+    law = Normal(By("1 + C(by)", 0.0, 3.0), Free(0.1, 9.0))
+    found = identify(
+        lambda x: x, table, Inputs({"x": law}), outcome="y", noise=Noise(NOISE), consistency=False,
+        best_law=False,
+    )  # fmt: skip
+    (effect,) = found.factors
+    assert effect.interval == pytest.approx(found.alpha["x.mean[by=b]"].interval)
+    assert effect.interval[1] > effect.difference + 2.2 * effect.standard_error

@@ -297,10 +297,12 @@ def test_an_unsound_answer_is_marked() -> None:
     found = usual()
     contradicted = replace(found.consistency, consistent=False)
     marked = replace(found, sound=False, consistency=contradicted)
-    table = compare(a=found, b=marked, ceilings=False).table()
+    compared = compare(a=found, b=marked, ceilings=False)
+    table = compared.table()
     assert table["sound"].to_dict() == {"a": True, "b": False}
     assert table["consistent"].to_dict() == {"a": None, "b": False}
     assert np.all(np.isnan(table["below_ceiling"]))
+    assert "below_ceiling" not in repr(compared)
 
 
 def test_with_a_prior_there_is_no_reference_but_drawn_data() -> None:
@@ -384,10 +386,13 @@ def test_a_comparison_makes_no_run() -> None:
         for name, law in laws.items()
     }  # fmt: skip
     made = len(runs)
-    table = compare(**models).table()
+    compared = compare(**models)
+    table = compared.table()
     assert len(runs) == made > 0
     best = ceiling(models["normal"], replicates=0)
     assert len(runs) > made
     assert best.verified == pytest.approx(best.log_likelihood, abs=0.05)
     assert table.loc["normal", "below_ceiling"] == pytest.approx(best.gap)
     assert np.isnan(table.loc["alike", "below_ceiling"])
+    (why,) = (model.no_ceiling for model in compared.models if model.name == "alike")
+    assert f"alike: {why}" in repr(compared)

@@ -10,7 +10,14 @@ from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.first_look import LOOK, Look, expected_cost, first_look, planned_look
+from aleator.tasks.first_look import (
+    LOOK,
+    Look,
+    expected_cost,
+    first_look,
+    planned_look,
+    understated_noise,
+)
 
 FORCE = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
 TRAVEL = np.array([4.9, 10.2, 15.4, 12.0, 8.0])  # stiffness 2.04, 1.96, 1.95, 3.33, 6.25
@@ -56,6 +63,9 @@ def test_what_noise_explains_is_not_out_of_reach() -> None:
     gaps = {"B": 0.2, "C": 0.4, "E": 50.0 / 6.0 - 8.0}
     for sd in (0.05, 0.1, 0.12, 0.2):
         expected = {name for name, gap in gaps.items() if gap > 3.0 * sd}
+        median = first_look(runner, experiments, plan, Noise(sd)).noises_beyond
+        far = [gaps[name] / sd for name in expected]
+        assert median == (pytest.approx(np.median(far)) if far else None)
         assert beyond(Noise(sd)) == beyond(Noise(Free(sd / 4.0, 4.0 * sd))) == expected
     assert beyond(Noise(relative=0.04)) == set()
 
@@ -65,6 +75,28 @@ def test_what_noise_explains_is_not_out_of_reach() -> None:
     assert [look.ids[k] for k in look.out_of_reach] == ["A"]
     assert look.margin[0] == pytest.approx(3.0 * 0.04 * 10.0 / 6.0)
     assert not first_look(runner, wrong, plan, Noise(relative=3.0)).out_of_reach.size
+
+
+def test_noise_that_repeats_contradict_is_told_and_the_scatter_of_a_law_is_not() -> None:
+    rng = np.random.default_rng(1)
+    ids, stiffness = np.repeat(np.arange(8), 3), np.repeat(rng.uniform(2.5, 5.0, 8), 3)
+    y = 30.0 / stiffness + 0.5 * rng.standard_normal(24)
+    frame = pd.DataFrame({"id": ids, "force": 30.0, "travel": y})
+    table = Experiments.from_frame(frame, outcome="travel", id="id")
+    inputs = Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))})
+    runner = Runner(spring, table, inputs.names)
+    told = understated_noise(runner, table, inputs, Noise(0.01))["travel"]
+    within = frame.groupby("id")["travel"].var().mean() ** 0.5
+    assert told == pytest.approx({"repeats": within, "noise": 0.01, "df": 16})
+    for noise in (Noise(0.5), Noise(Free(0.01, 1.0)), Noise(relative=0.1), None):
+        assert not understated_noise(runner, table, inputs, noise)
+    # Of one value an experiment the repeats scatter by the law too, unless nothing scatters.
+    alone = Experiments.from_frame(frame.drop(columns="id"), outcome="travel")
+    constant, both = Inputs({"stiffness": Constant(3.0)}), []
+    for law in (inputs, constant):
+        other = Runner(spring, alone, law.names)
+        both.append(understated_noise(other, alone, law, Noise(0.01)))
+    assert [*map(bool, both)] == [False, True]
 
 
 def test_a_law_with_a_known_mean_is_looked_at_as_far_as_its_sd_may_reach() -> None:

@@ -72,9 +72,26 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
         "outliers": [{"id": "7", "row": 8, "response": "y", "p": 1e-5, "corrected": 0.001}],
     }  # fmt: skip
     content = answer(result(consistent=False, consistency=second))
-    assert [verdict.kind for verdict in content.verdicts] == ["good", "bad"]
+    assert [verdict.kind for verdict in content.verdicts] == ["open", "bad"]
     for part in ("outcomes under high 'hot' are smaller (p = 4e-08)", "mend", "7 (p = 1e-05)"):
         assert part in words(text(content))
+
+
+def test_a_covariate_that_may_be_missing_is_told_beside_the_verdict_by_every_writer() -> None:
+    test = {"kind": "relation", "of": "fast", "column": "moisture", "where": None, "z": 2.6,
+            "p": 0.012, "corrected": 0.56}  # fmt: skip
+    hint = {"test": test | {"corrected": 0.024}, "message": "fast is larger", "remedy": "let it"}
+    second = {"p": 0.15, "replicates": 200, "discrepancies": [], "tests": [test], "reason": "",
+              "outliers": [], "covariate": hint}  # fmt: skip
+    content = answer(told := result(consistent=True, consistency=second))
+    assert [verdict.kind for verdict in content.verdicts] == ["open", "good", "open"]
+    for number in ("0.012", "0.024", "0.56"):
+        assert number in content.verdicts[2].text
+    head = verdict_head(content.verdicts[2]).rstrip(".")
+    assert "fast" in head
+    assert "moisture" in head
+    for written in (text(content), first_screen(told), page(told), text(brief(told))):
+        assert head in words(written)
 
 
 def test_laws_that_are_left_open_are_in_the_first_words_of_every_writer() -> None:
@@ -85,6 +102,18 @@ def test_laws_that_are_left_open_are_in_the_first_words_of_every_writer() -> Non
     assert "c2_scale" in head
     for written in (text(content), first_screen(open_), page(open_), text(brief(open_))):
         assert head in words(written)
+
+
+def test_estimates_on_a_limit_are_in_the_first_words() -> None:
+    sd = {"estimate": 0.02, "standard_error": 0.004, "interval": [0.01, 0.03]}
+    inside = result(alpha={"k.sd": sd})
+    assert answer(inside).verdicts[0].kind == "good"
+    for side, changed in (("lower", {"at_bound": "lower"}), ("upper", {"at_bound": "upper"})):
+        first = answer(result(alpha={"k.sd": sd | changed, "k.mean": sd})).verdicts[0]
+        assert first.kind == "open"
+        assert f"k.sd ends on its {side} limit" in verdict_head(first)
+    # Of a scale whose interval, but not its estimate, reaches its lower limit, no law is left open.
+    assert answer(result(alpha={"k.sd": sd | {"cut": "lower"}})).verdicts[0].kind == "good"
 
 
 def test_the_least_document_can_be_rendered() -> None:

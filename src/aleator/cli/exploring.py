@@ -36,6 +36,7 @@ from aleator.tasks.first_look import (
     first_look,
     fixed_noise,
     planned_look,
+    understated_noise,
 )
 from aleator.tasks.new_experiments import Exploration
 from aleator.tasks.next_experiment import (
@@ -126,7 +127,8 @@ def check(
         )  # fmt: skip
     held = fixed_noise(value.experiments, value.noise)
     workers, fault = options.workers or 1, runner.array_fault
-    document = look_document(look, cost, workers, held, fault, value.experiments)
+    understated = understated_noise(runner, value.experiments, value.inputs, value.noise)
+    document = look_document(look, cost, workers, held, understated, fault, value.experiments)
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return

@@ -31,6 +31,7 @@ from aleator.cli.running import (
     tell_odd_repeats,
 )
 from aleator.errors import AleatorError, short
+from aleator.observations.gross_errors import slips_of
 from aleator.results import documents
 from aleator.results.answer import brief
 from aleator.results.schema import IDENTIFICATION, read_answer, read_ceiling
@@ -212,6 +213,8 @@ def identify(
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     make_place(folder / IDENTIFICATION, study_file)
     tell_odd_repeats(value, options)
+    for slip in slips_of(value.experiments):
+        options.say(f"warning: {slip} If so, stop (Ctrl-C) and correct the table.")
     for line in () if options.quiet else value.simulator_notes():
         say(f"{value.simulator.name}, {line}")
     with (

@@ -136,7 +136,11 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             likelihood.inputs, alpha, hyperparameters, inference
         ),
         factors=factor_effects(
-            likelihood.inputs, alpha, inference, covariates(table, likelihood.inputs.covariates)
+            likelihood.inputs,
+            alpha,
+            inference,
+            np.array([each.interval or (np.nan, np.nan) for each in estimates.values()]),
+            covariates(table, likelihood.inputs.covariates),
         ),
         **own,
     )

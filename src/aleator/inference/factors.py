@@ -89,9 +89,14 @@ class LawsByLevel:
 
 
 def factor_effects(
-    inputs: Inputs, alpha: Array, inference: Inference, covariates: Table | None
+    inputs: Inputs, alpha: Array, inference: Inference, intervals: Array, covariates: Table | None
 ) -> tuple[FactorEffect, ...]:
     """The largest difference between the levels of each factor, and the test that all are equal.
+
+    Where the difference is one coefficient, its interval is that of the coefficient among the
+    `intervals` (K, 2): the profile's where it is known. For several pairs of levels each side is
+    longer by the ratio of the normal quantiles of Bonferroni's level and of 95 %, up to the limits.
+    Else it is the difference -+ that quantile times its standard error.
 
     With the coefficients b of a formula, their covariance V and a row C of contrasts for each level
     but the first, Wald's statistic (C b)' (C V C')^-1 C b has the chi-squared law with as many
@@ -121,22 +126,33 @@ def factor_effects(
             moved = np.flatnonzero(np.ptp(rows, axis=0) > 0.0)
             if len(levels) < 2 or not {*moved.tolist()} <= {*inside}:
                 continue
-            effect = _effect(rows, alpha[places], covariance)
+            limits = np.array([[h.lower, h.upper] for h in inputs.hyperparameters])
+            known_ends = np.stack([intervals[places], limits[places]])
+            effect = _effect(rows, alpha[places], covariance, known_ends)
             first, second = (_name(levels[k]) for k in effect.pop("between"))
             between, name = (first, second), entry.hyperparameter.name
             found.append(FactorEffect(name, factor, between, **effect))
     return tuple(found)
 
 
-def _effect(rows: Array, b: Array, covariance: Array) -> dict[str, Any]:
-    """The largest difference between levels, whose values are `rows` (L, p) b, and Wald's test."""
+def _effect(rows: Array, b: Array, covariance: Array, ends: Array) -> dict[str, Any]:
+    """The largest difference between levels, whose values are `rows` (L, p) b, and Wald's test.
+
+    `ends` (2, p, 2) are the intervals and the limits of the coefficients b.
+    """
     value, pairs = rows @ b, [*combinations(range(len(rows)), 2)]
     first, second = max(pairs, key=lambda pair: abs(value[pair[0]] - value[pair[1]]))
     if value[first] < value[second]:
         first, second = second, first
     apart = rows[first] - rows[second]
     difference, error = float(apart @ b), float(np.sqrt(apart @ covariance @ apart))
-    reach = error * float(stats.norm.isf(INTERVALS.tail / len(pairs)))
+    quantile = float(stats.norm.isf(INTERVALS.tail / len(pairs)))
+    interval = np.array([-quantile, quantile]) * error + difference
+    which = np.flatnonzero(apart)
+    if which.size == 1 and np.all(np.isfinite(ends[0, which[0]])):
+        k = int(which[0])
+        longer = quantile / float(stats.norm.isf(INTERVALS.tail))
+        interval = np.sort(apart[k] * np.clip(b[k] + longer * (ends[0, k] - b[k]), *ends[1, k]))
     contrasts = rows[1:] - rows[0]
     spread = contrasts @ covariance @ contrasts.T
     df = int(np.linalg.matrix_rank(spread, hermitian=True))
@@ -145,7 +161,7 @@ def _effect(rows: Array, b: Array, covariance: Array) -> dict[str, Any]:
         "between": (first, second),
         "difference": difference,
         "standard_error": error,
-        "interval": (difference - reach, difference + reach),
+        "interval": tuple(interval.tolist()),
         "pairs": len(pairs),
         "wald": wald,
         "df": df,

@@ -13,7 +13,7 @@ from scipy import special
 
 from aleator.core.polynomials import gauss_hermite, hermite_recurrence
 from aleator.core.types import Array
-from aleator.errors import InputsError, require_filled
+from aleator.errors import InputsError, naming, require_filled
 from aleator.laws.hyperparameter import (
     Free,
     Hyperparameter,
@@ -224,7 +224,8 @@ class ByMeanAndSd:
     scatters = True
 
     def __post_init__(self) -> None:
-        _ = self.hyperparameters
+        with naming(type(self).__name__):
+            _ = self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:

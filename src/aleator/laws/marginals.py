@@ -19,7 +19,7 @@ from aleator.core.polynomials import (
     recurrence_with_gradient,
 )
 from aleator.core.types import Array
-from aleator.errors import InputsError
+from aleator.errors import InputsError, naming
 from aleator.laws.hyperparameter import (
     OPEN,
     Hyperparameter,
@@ -90,7 +90,8 @@ class Constant:
     scatters = False
 
     def __post_init__(self) -> None:
-        _ = self.hyperparameters
+        with naming(type(self).__name__):
+            _ = self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -523,7 +524,8 @@ class Beta(ByMeanAndSd):
                 f"box: {lower} to {upper} is no finite interval", "give two numbers in order"
             )
         object.__setattr__(self, "box", (lower, upper))
-        _ = self.hyperparameters
+        with naming(type(self).__name__):
+            _ = self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:

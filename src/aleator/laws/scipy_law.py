@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from aleator.core.types import Array
-from aleator.errors import InputsError
+from aleator.errors import InputsError, naming
 from aleator.laws.hyperparameter import (
     Hyperparameter,
     Specification,
@@ -58,7 +58,8 @@ class ScipyLaw(ThroughNormal):
     def __post_init__(self) -> None:
         _require_frozen(self.distribution)
         _require_moments(self.distribution)
-        _ = self.hyperparameters
+        with naming(type(self).__name__):
+            _ = self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:

@@ -15,7 +15,7 @@ from scipy import special
 
 from aleator.core.polynomials import gauss, gauss_legendre, stieltjes
 from aleator.core.types import Array
-from aleator.errors import InputsError, disordered
+from aleator.errors import InputsError, disordered, naming
 from aleator.laws.hyperparameter import LIMITS, OPEN, Hyperparameter, Specification, filled, resolve
 from aleator.laws.law import MeanSd, Rule, Standard, ThroughNormal, normal_log_density
 
@@ -91,7 +91,8 @@ class TruncatedNormal(ThroughNormal):
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "sd", sd)
         object.__setattr__(self, "basis", polynomials)
-        _ = self.hyperparameters
+        with naming(type(self).__name__):
+            _ = self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:

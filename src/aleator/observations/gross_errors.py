@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array
+from aleator.observations.experiments import Experiments
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,48 @@ def gross_errors(values: Array, settings: GrossErrorSettings = GROSS_ERRORS) -> 
                  if low <= moved <= high]  # fmt: skip
         if right:
             found[k] = float(f"{right[0]:.12g}")
+    return found
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A measured `value` of a `response` that looks like a gross error; `fits` would fit.
+
+    `place` says where it stands in the table.
+
+    >>> str(Slip("line 5", "time", 37.4, 3.74))
+    'line 5: time = 37.4, where 3.74 would lie among the others: a misplaced decimal point?'
+    """
+
+    place: str
+    response: str
+    value: float
+    fits: float
+
+    def __str__(self) -> str:
+        what = "a wrong sign" if self.value == -self.fits else "a misplaced decimal point"
+        return (
+            f"{self.place}: {self.response} = {self.value:g}, where {self.fits:g} would lie among "
+            f"the others: {what}?"
+        )
+
+
+def slips(places: Sequence[str], response: str, values: Array) -> list[Slip]:
+    """The gross errors among the values (R,) of a response in the rows that stand at `places`."""
+    return [
+        Slip(places[row], response, float(values[row]), fits)
+        for row, fits in gross_errors(values).items()
+    ]
+
+
+def slips_of(table: Experiments) -> list[Slip]:
+    """The measured values that look like gross errors, in the unit of the outcome."""
+    seen, found = table.observations, list[Slip]()
+    places = [table.places[row] for row in seen.row.tolist()]
+    exact = np.where(seen.lower == seen.upper, seen.lower, np.nan)
+    for k, response in enumerate(seen.responses):
+        values = response.transform.inverse(np.where(seen.response == k, exact, np.nan))
+        found += slips(places, response.name, values)
     return found
 
 

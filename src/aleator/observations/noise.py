@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from aleator.errors import InputsError, require_filled
+from aleator.errors import InputsError, naming, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.observations.correlated import ErrorCorrelation
 from aleator.observations.model import NormalError, ObservationModel, is_shaped
@@ -136,10 +136,11 @@ class Noise:
         function if given, then the free shapes of the kind, then those of the correlation.
         """
         found = []
-        if self.sd is not None and not isinstance(self.sd, str):
-            found.append(resolve("sd", self.sd, (None, None), positive=True))
-        if self.relative is not None:
-            found.append(resolve("relative", self.relative, (None, None), positive=True))
+        with naming("noise"):
+            if self.sd is not None and not isinstance(self.sd, str):
+                found.append(resolve("sd", self.sd, (None, None), positive=True))
+            if self.relative is not None:
+                found.append(resolve("relative", self.relative, (None, None), positive=True))
         if self.variance is not None:
             found.append(self.variance.hyperparameter)
         ties = () if self.correlation is None else self.correlation.hyperparameters

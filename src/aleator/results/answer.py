@@ -222,15 +222,19 @@ def log_likelihood(document: Document) -> Sentence:
 def verdicts(document: Document) -> tuple[Sentence, ...]:
     """The two verdicts: is the computation sound, and is the model consistent with the experiments?
 
-    The first also says which laws the experiments leave open although the computation is sound.
+    The first also says which laws the experiments leave open although the computation is sound. A
+    third sentence names a column that may be a missing covariate.
 
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
     ['NOT computed soundly: do not use the estimates before the warnings are dealt with (search).']
     >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
     ['open']
     """
-    first = [_soundness(document)] if "sound" in document else []
-    return (*first, *([_agreement(document)] if document.get("consistency") else []))
+    found = [_soundness(document)] if "sound" in document else []
+    if second := document.get("consistency"):
+        found.append(_agreement(document))
+        found += [_covariate(document, one)] if (one := second.get("covariate")) else []
+    return tuple(found)
 
 
 def _soundness(document: Document) -> Sentence:
@@ -257,28 +261,57 @@ def _soundness(document: Document) -> Sentence:
         )
     else:
         checked = "; not verified on the simulator"
-    if names := document.get("undetermined"):
-        open_ = _left_open(document, names)
+    if doubts := [*_doubts(document)]:
+        said, why, remedies = ([*dict.fromkeys(part)] for part in zip(*doubts, strict=True))
         return Sentence(
-            f"Computed soundly, but the experiments do not determine {open_}: "
-            f"other values of {listed(names)}, elsewhere or anywhere between the limits, are not "
-            "ruled out. Take the answer for the outcome under the tested conditions, not for what "
-            f"is left open. {what[0].upper()}{what[1:]}{checked}.",
+            f"Computed soundly, but {', and '.join(said)}: {'; '.join(why)}.",
             "open",
-            remedy="measure under more varied conditions, measure several values an experiment, or "
-            "give a hyperparameter a known value",
-        )
-    if names := cut_by_limits(document):
-        several = len(names) > 1
-        return Sentence(
-            f"Computed soundly, but limits cut the 95 % interval{'s' if several else ''} of "
-            f"{listed(names)}: beyond {'them' if several else 'it'} the experiments rule out "
-            f"nothing. {what[0].upper()}{what[1:]}{checked}.",
-            "open",
-            remedy="where a limit is not physical, widen it (box, or lower and upper) and identify "
-            "again",
+            remedy="; ".join(remedies),
         )
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def _doubts(document: Document) -> Iterator[tuple[str, str, str]]:
+    """What the experiments leave open: in the words of a verdict, what it means, and its remedy.
+
+    >>> one = {"alpha": {"k.sd": {"at_bound": "lower"}, "k.mean": {"cut": "upper"}}}
+    >>> for what, *_ in _doubts(one):
+    ...     print(what)
+    k.sd ends on its lower limit
+    a limit cuts the 95 % interval of k.mean
+    """
+    alpha, left = document["alpha"], list(document.get("undetermined") or ())
+    if left:
+        yield (
+            f"the experiments do not determine {_left_open(document, left)}",
+            f"other values of {listed(left)} are not ruled out, and the answer is sure of the "
+            "outcome under the tested conditions only",
+            "measure under more varied conditions, or several values an experiment, or give a "
+            "hyperparameter a known value",
+        )
+    ends = {name: side for name, entry in alpha.items()
+            if (side := entry.get("at_bound")) and name not in left}  # fmt: skip
+    for name, side in ends.items():
+        of, _, what = name.rpartition(".")
+        flat = side == "lower" and what == "sd" and of != "noise" and not of.startswith("noise.")
+        yield (
+            f"{name} ends on its {side} limit",
+            f"no scatter of {of} is seen in these data"
+            if flat
+            else f"the most likely {name} may lie beyond",
+            'take law = "constant" for a parameter that need not scatter' if flat else WIDEN,
+        )
+    if cut := [name for name in cut_by_limits(document) if name not in {*left, *ends}]:
+        several = len(cut) > 1
+        yield (
+            f"{'limits cut' if several else 'a limit cuts'} the 95 % "
+            f"interval{'s' if several else ''} of {listed(cut)}",
+            f"nothing is ruled out beyond {'these limits' if several else 'that limit'}",
+            WIDEN,
+        )
+
+
+WIDEN = "where a limit is not physical, widen it (box, or lower and upper) and identify again"
 
 
 def cut_by_limits(document: Document) -> list[str]:
@@ -332,6 +365,20 @@ def _agreement(document: Document) -> Sentence:
     if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
         said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
+
+
+def _covariate(document: Document, row: Document) -> Sentence:
+    """A hint at a covariate, with its probability alone, among such relations, and among all."""
+    test, tests = row["test"], document["consistency"]["tests"]
+    whole = next(one for one in tests if one | {"corrected": test["corrected"]} == test)
+    of = "the outcome" if test["of"] == "outcomes" else test["of"]
+    return Sentence(
+        f"Perhaps {of} depends on {test['column']}: {row['message']} (p = {number(test['p'], 2)} "
+        f"by itself, {number(test['corrected'], 2)} among the relations to columns, "
+        f"{number(whole['corrected'], 2)} among all {len(tests)} tests).",
+        "open",
+        remedy=f"{row['remedy']}; then compare both models",
+    )
 
 
 def _neighbours(document: Document, level: float = REPORTED.level) -> str:

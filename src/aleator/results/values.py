@@ -219,7 +219,8 @@ class FactorEffect(Plain):
 
     The two levels `between` have the largest `difference`, that of the first minus that of the
     second, with its `standard_error`. Its 95 % `interval` holds for the differences of all `pairs`
-    of levels together (Bonferroni). `wald` is the statistic of the test that all levels are equal,
+    of levels together (Bonferroni); with one pair, and where the difference is a coefficient, it is
+    the interval of that coefficient. `wald` is the statistic of the test that all levels are equal,
     with `df` degrees of freedom and the p value `p`. Where the formula has products with the
     factor, each level has its mean over the experiments.
     """
@@ -502,7 +503,11 @@ class Consistency(Plain):
     observations so improbable that only one in twenty right models would have any. `replicates` is
     the number of data sets simulated under the fitted model, with which the tests compare.
     `relations` are correlations of individual parameters. `copies` are columns that are determined
-    by the outcome, and are therefore not used in tests.
+    by the outcome, and are therefore not used in tests. `covariate` is the strongest relation of a
+    parameter, or of the outcome, to a column, where chance among these relations alone does not
+    explain it; the `corrected` of its test allows for these only. It is a hint, and no part of the
+    verdict: one right model in twenty has it. None where there is none, or where `discrepancies`
+    have its column.
     """
 
     consistent: bool | None
@@ -514,6 +519,7 @@ class Consistency(Plain):
     reason: str = ""
     relations: tuple[Relation, ...] = ()
     copies: tuple[str, ...] = ()
+    covariate: Discrepancy | None = None
 
     def table(self) -> pd.DataFrame:
         """A data frame with a row for each test, the smallest probability first.

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
-from aleator.observations.gross_errors import gross_errors, odd_repeats
+from aleator.observations.gross_errors import odd_repeats, slips
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
 from aleator.study.offers import Offer, SimulatorInput, same_name
@@ -242,16 +242,13 @@ class Proposal:
     @property
     def gross_errors(self) -> list[str]:
         """The measured values that look like slips of the pen, in words: row, value, what fits."""
-        table, found = self.sheet.table, list[str]()
-        for name in self.outcomes:
-            values = numbers_of(table, name)
-            slips = {} if values is None else gross_errors(values)
-            found += [
-                f"{table.places[row]}: {name} = {values[row]:g}, where {right:g} would lie among "
-                "the others: a wrong sign or a misplaced decimal point?"
-                for row, right in slips.items() if values is not None
-            ]  # fmt: skip
-        return found
+        table = self.sheet.table
+        every = {name: numbers_of(table, name) for name in self.outcomes}
+        return [
+            str(slip)
+            for name, values in every.items() if values is not None
+            for slip in slips(table.places, name, values)
+        ]  # fmt: skip
 
     @property
     def odd_repeats(self) -> list[str]:

@@ -139,13 +139,29 @@ class Comparison:
     without: tuple[tuple[str, str, str], ...] = ()
 
     def __repr__(self) -> str:
-        return f"{self.table().to_string()}\n\n{self.nested().to_string()}"
+        return "\n\n".join([
+            self._known().to_string(), *self._without_ceiling(), self.nested().to_string()
+        ])  # fmt: skip
+
+    def _known(self) -> pd.DataFrame:
+        """The table without `below_ceiling` where that is known of no model."""
+        known = [model for model in self.models if np.isfinite(model.below_ceiling)]
+        return self.table() if known else self.table().drop(columns="below_ceiling")
+
+    def _without_ceiling(self) -> list[str]:
+        """Why `below_ceiling` is not known, one sentence for each reason."""
+        reasons = dict.fromkeys(model.no_ceiling for model in self.models if model.no_ceiling)
+        return [
+            "below_ceiling is not known for "
+            f"{printed.listed([m.name for m in self.models if m.no_ceiling == why])}: {why}."
+            for why in reasons
+        ]
 
     def _repr_html_(self) -> str:
         """The table in a notebook."""
         best = f"{self.models[0].name} predicts best." if len(self.models) > 1 else ""
         head = f"{len(self.models)} models of {len(self.ids)} experiments"
-        return printed.shown(head, self.table(), best)
+        return printed.shown(head, self._known(), *self._without_ceiling(), best)
 
     def table(self) -> pd.DataFrame:
         """A table with a row for each model, by its name.

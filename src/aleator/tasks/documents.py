@@ -10,7 +10,7 @@ import pandas as pd
 
 from aleator.core.types import Array
 from aleator.observations.experiments import Experiments
-from aleator.observations.gross_errors import gross_errors
+from aleator.observations.gross_errors import slips_of
 from aleator.tasks.box import FeasibleBox
 from aleator.tasks.ceiling import Ceiling
 from aleator.tasks.first_look import Cost, Look
@@ -23,6 +23,7 @@ def look_document(
     cost: Cost | None,
     workers: int,
     held: Mapping[str, Mapping[str, float]],
+    understated: Mapping[str, Mapping[str, float]],
     array_fault: str,
     table: Experiments,
 ) -> dict[str, Any]:
@@ -30,7 +31,8 @@ def look_document(
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
     comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
-    are the known numbers of the noise on which the law rests, and `array_fault` says why a
+    are the known numbers of the noise on which the law rests, `understated` has the responses whose
+    repeats scatter more than the noise explains, and `array_fault` says why a
     function that was tried with arrays is called once a run. `gross_errors` has the row of the
     `table`, the value, and the value that would fit, of what looks like a slip of the pen.
     """
@@ -67,8 +69,12 @@ def look_document(
         ],
         "lost": dict(look.lost),
         "fixed_noise": {name: dict(one) for name, one in held.items()},
+        "understated_noise": {name: dict(one) for name, one in understated.items()},
         "array_fault": array_fault,
-        "gross_errors": _gross_errors(table),
+        "gross_errors": [
+            {"row": slip.place, "response": slip.response, "value": slip.value, "fits": slip.fits}
+            for slip in slips_of(table)
+        ],
         "noise": bool(np.any(look.margin > 0.0)),
         "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},
         "observations": [
@@ -85,6 +91,7 @@ def look_document(
             }
             for k, name in enumerate(look.ids)
         ],
+        "noises_beyond": look.noises_beyond,
         "out_of_reach": [look.ids[k] for k in look.out_of_reach],
         "cost": None
         if cost is None
@@ -97,20 +104,6 @@ def look_document(
             "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
         },
     }
-
-
-def _gross_errors(table: Experiments) -> list[dict[str, Any]]:
-    """The measured values that look like slips of the pen, in the unit of the outcome."""
-    seen, found = table.observations, list[dict[str, Any]]()
-    exact = np.where(seen.lower == seen.upper, seen.lower, np.nan)
-    for k, response in enumerate(seen.responses):
-        values = response.transform.inverse(np.where(seen.response == k, exact, np.nan))
-        found += [
-            {"row": table.places[int(seen.row[l])], "response": response.name,
-             "value": float(values[l]), "fits": right}
-            for l, right in gross_errors(values).items()
-        ]  # fmt: skip
-    return found
 
 
 def _range(lower: Array, upper: Array) -> list[float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
@@ -146,6 +147,9 @@ class LookSettings:
     halvings: int = 5
     """How often the steps of these runs are halved: a maximum between two values of a parameter
     is then met within a 64th of its range."""
+    chance: float = 1e-3
+    """Probability, under the stated noise, of repeats that scatter so much: the noise is called too
+    small below it. One right study in a thousand is then told so."""
 
 
 LOOK = LookSettings()
@@ -251,6 +255,15 @@ class Look:
         far = np.maximum(np.abs(self.beyond) - self.margin, 0.0)
         order = np.argsort(-np.nan_to_num(far), kind="stable")
         return order[far[order] > 0.0]
+
+    @property
+    def noises_beyond(self) -> float | None:
+        """The median distance of values out of reach, in sds of the noise; None without noise."""
+        far = self.out_of_reach
+        if not far.size or not np.all(self.margin[far] > 0.0):
+            return None
+        sd = self.margin[far] / self.settings.sure
+        return float(np.median(np.abs(self.beyond[far]) / sd))
 
     @property
     def swing(self) -> Array:
@@ -369,6 +382,47 @@ def first_look(
         _lost(runner, table, there, outcome),
         tuple(seen.responses[k].transform for k in seen.response[there]),
     )
+
+
+def understated_noise(
+    runner: Runner,
+    table: Experiments,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    settings: LookSettings = LOOK,
+) -> dict[str, dict[str, float]]:
+    """The responses whose repeats scatter more than the noise explains: both sds, and df.
+
+    Repeats are measured values under the same conditions in one experiment, or in all of them where
+    no parameter scatters. With the means m of their groups and the noise's sd s there, at its upper
+    limit where it is identified, sum (y - m)^2/s^2 has the chi-squared law with df degrees of
+    freedom for normal noise. `repeats` is the pooled sd, and `noise` the root mean square of s. No
+    runs are made.
+    """
+    if noise is None:
+        return {}
+    seen, errors = table.observations, MeasurementErrors.of(noise, table)
+    alone = np.zeros(len(seen), dtype=np.intp) if not inputs.scattering else seen.experiment
+    case = runner.cases.condition[runner.unit]
+    keys = np.stack([alone, case, runner.column, seen.response], axis=1)[seen.measured]
+    group = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    y, response = seen.lower[seen.measured], seen.response[seen.measured]
+    mean = (np.bincount(group, y) / np.bincount(group))[group]
+    eta = np.zeros((len(seen), 1))
+    eta[seen.measured, 0] = mean
+    widest = np.array([h.upper for h in errors.hyperparameters])
+    with np.errstate(all="ignore"):
+        sd = errors.scale(widest, eta, slice(0, len(eta)))[seen.measured, 0]
+    found = {}
+    for k, name in enumerate(seen.names):
+        own = (response == k) & (np.bincount(group)[group] > 1)
+        df = int(own.sum()) - np.unique(group[own]).size
+        total = float(np.sum(((y[own] - mean[own]) / sd[own]) ** 2))
+        if df and stats.chi2.sf(total, df) < settings.chance:
+            pooled = float(np.sqrt(np.sum((y[own] - mean[own]) ** 2) / df))
+            stated = float(np.sqrt(np.mean(sd[own] ** 2)))
+            found[name] = {"repeats": pooled, "noise": stated, "df": df}
+    return found
 
 
 def _lost(runner: Runner, table: Experiments, there: Indices, outcome: Array) -> dict[str, str]:

@@ -8,6 +8,7 @@ from datetime import timedelta
 from itertools import groupby
 from typing import Any
 
+from aleator.observations.gross_errors import Slip
 from aleator.results.printed import (
     AMOUNTS,
     NONE,
@@ -67,13 +68,20 @@ def first_look(document: Document) -> Content:
             "the noise from the law: if this number is a guess, the scatter of the law rests on it."
         )
         parts.append(Sentence(text, "plain", "Noise"))
+    for name, one in (document.get("understated_noise") or {}).items():
+        of = f"log({name})" if transforms(document).get(name) == "log" else label(document, name)
+        text = (
+            f"{of}: repeats under the same conditions scatter with an sd of "
+            f"{number(one['repeats'], 3)} ({one['df']:.0f} degrees of freedom), where the noise "
+            f"has {number(one['noise'], 3)}. Correct it, or let it be identified."
+        )
+        parts.append(Sentence(text, "warning", "The noise is too small"))
     parts += [
         Sentence(
-            f"{slip['row']}: {label(document, slip['response'])} = {number(slip['value'])}, where "
-            f"{number(slip['fits'])} would lie among the others.",
-            "warning", "A wrong sign or a misplaced decimal point?",
+            str(Slip(row["row"], label(document, row["response"]), row["value"], row["fits"])),
+            "warning", "Table",
         )
-        for slip in document.get("gross_errors") or ()
+        for row in document.get("gross_errors") or ()
     ]  # fmt: skip
     if fault := document["array_fault"]:
         text = (
@@ -170,6 +178,11 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
     by = " within three standard deviations of the noise, known or in the middle of its limits"
     at = document["at_limit"]
     where = f" All runs that come closest have {at[0]} at its {at[1]} limit." if at else ""
+    if (far := document.get("noises_beyond")) is not None:
+        where = (
+            f" In the median they lie {number(far, 2)} standard deviations of the noise beyond the "
+            f"closest run.{where}"
+        )
     return (
         f"{size} of {of} measured values are out of reach{more}: no run came to them"
         f"{by if document['noise'] else ''}, not even those that were made near the closest ones."

@@ -26,6 +26,7 @@ def test_right_models_are_seldom_called_wrong() -> None:
     verdicts = [judged(normal(seed)[1], seed, load=LOAD, hot=HOT) for seed in range(40)]
     assert sum(found.consistent is False for found in verdicts) <= 5
     assert np.mean([found.p for found in verdicts]) > 0.3
+    assert sum(found.covariate is not None for found in verdicts) <= 5
 
 
 def test_a_trend_is_named_with_its_direction() -> None:

@@ -7,6 +7,7 @@ from normal_levels import judged
 from scipy import stats
 
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, identify
+from aleator.results.values import Consistency
 
 N, TIMES, SPREAD, NOISE = 30, np.array([0.0, 1.0, 2.0]), np.array([0.3, 0.4]), 0.3
 DESIGN = np.stack([np.ones(3), TIMES], axis=1)
@@ -87,3 +88,27 @@ def test_a_table_sorted_by_what_single_experiments_are_has_no_order() -> None:
     consistency = judged(a[:, None] + 0.02 * rng.standard_normal((40, 3)), half=np.arange(40) % 2)
     assert [r.other for r in consistency.relations] == ["half"]
     assert consistency.consistent
+
+
+def cores(seed: int, effect: float) -> Consistency:
+    """Sixteen experiments of four values, whose parameter may follow a column of two values."""
+    rng, moisture = np.random.default_rng([5, seed]), np.arange(16) % 2
+    a = rng.standard_normal(16) + effect * moisture
+    return judged(a[:, None] + 0.3 * rng.standard_normal((16, 4)), moisture=moisture)
+
+
+def test_a_covariate_is_hinted_at_where_all_tests_together_do_not_see_it() -> None:
+    found = cores(3, 1.6)
+    hint, own = found.covariate, next(t for t in found.tests if t.kind == "relation")
+    assert found.consistent
+    assert hint is not None
+    assert (hint.test.of, hint.test.column) == ("a", "moisture")
+    # One parameter and one column of the table: the order of the rows is no covariate.
+    assert hint.test.corrected == pytest.approx(hint.test.p)
+    assert hint.test.p == own.p < 0.05 < own.corrected
+
+
+def test_a_name_that_a_discrepancy_has_is_no_hint_as_well() -> None:
+    found = cores(4, 1.6)
+    assert found.discrepancies[0].test.column == "moisture"
+    assert found.covariate is None
