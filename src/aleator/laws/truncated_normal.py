@@ -6,6 +6,7 @@ The module also has the paper's "clip": the map from a standard normal variate t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -187,6 +188,16 @@ class TruncatedNormal(ThroughNormal):
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The values (mean, sd) of the normal law before truncation, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The mean and the sd of x itself, after truncation."""
+        t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
+        mean = float(weights @ t)
+        sd = math.sqrt(float(weights @ (t - mean) ** 2))
+        return {
+            "truncated mean": float(values[0] + values[1] * mean),
+            "truncated sd": float(values[1]) * sd,
+        }
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
         a, b = self._standard_limits(values)

@@ -12,8 +12,11 @@ Document = Mapping[str, Any]
 Units = Mapping[str, str]
 """Units of outcomes, conditions and parameters by name; names without a unit are left out."""
 
-# Hyperparameters that have the unit of their parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`.
-_OF_LAW = re.compile(r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value)(\[(?P<term>.*)\])?$")
+# What has the unit of its parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`, `k.median`.
+_OF_LAW = re.compile(
+    r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value|median|lower|upper|loc|scale|truncated (mean|sd))"
+    r"(\[(?P<term>.*)\])?$"
+)
 _NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?:process_)?sd$")
 
 

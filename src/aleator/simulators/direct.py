@@ -32,6 +32,12 @@ class DirectSettings:
     code, which may change the last four bits; a difference of two such values loses more."""
     remembered: int = 1000
     """The largest number of failed runs whose reasons are kept for messages."""
+    single: tuple[str, ...] = (
+        "only length-1 arrays", "only size-1 arrays", "only 0-dimensional arrays",
+        "cannot convert the series", "must be real number, not",
+    )  # fmt: skip
+    """Parts of the messages of Python, NumPy and pandas where a function that takes a single
+    number, such as math.exp, gets an array."""
 
 
 SETTINGS = DirectSettings()
@@ -79,7 +85,10 @@ def array_trial(
     except (KeyboardInterrupt, SurroundingsError):
         raise
     except BaseException as error:
-        return ArrayTrial(0, f"it raised {describe(error)}")
+        told = describe(error)
+        single = any(part in told for part in settings.single)
+        cause = " (math.exp and the like take single numbers)" if single else ""
+        return ArrayTrial(0, f"it raised {told}{cause}")
     if not np.isfinite(together).any():
         return ArrayTrial(0, "it returned no finite number")
     if 2 * (calls - fewer) > len(case) - 2:

@@ -152,6 +152,7 @@ class Identification(Result):
             seed,
             DRAWING.wide if by_likelihood else 1.0,
         )
+        found = replace(found, names=(*self.alpha,))
         return found.reweighted(kept(self.session.fit).objective()) if by_likelihood else found
 
     def predict(

@@ -20,6 +20,7 @@ from aleator.fit.stored_fit import keep_surfaces
 from aleator.inference.check import Check
 from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
+from aleator.inference.model_choice import Criteria
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.units import checked_units
@@ -136,6 +137,8 @@ def identify(
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
+    if not restricted:
+        found = replace(found, criteria=Criteria.of(found.fit).reported())
     keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
     return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
 
