@@ -134,9 +134,9 @@ class AlphaDraws:
         """
         mean = self.weights @ self.alpha
         low, high = quantiles(self.alpha.T, self.weights, np.array(INTERVALS.ends)).T
+        sd = np.sqrt(self.weights @ (self.alpha - mean) ** 2) * (np.ptp(self.alpha, axis=0) > 0.0)
         columns = {
-            "estimate": self.estimate, "mean": mean,
-            "sd": np.sqrt(self.weights @ (self.alpha - mean) ** 2), "q0.025": low, "q0.975": high,
+            "estimate": self.estimate, "mean": mean, "sd": sd, "q0.025": low, "q0.975": high,
         }  # fmt: skip
         return pd.DataFrame(columns, index=[*self.names] or None)
 

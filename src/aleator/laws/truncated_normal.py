@@ -189,15 +189,9 @@ class TruncatedNormal(ThroughNormal):
         """The values (mean, sd) of the normal law before truncation, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
 
-    def customary(self, values: Array) -> Mapping[str, float]:
-        """The mean and the sd of x itself, after truncation."""
-        t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
-        mean = float(weights @ t)
-        sd = math.sqrt(float(weights @ (t - mean) ** 2))
-        return {
-            "truncated mean": float(values[0] + values[1] * mean),
-            "truncated sd": float(values[1]) * sd,
-        }
+    def customary(self, values: Array) -> Mapping[str, float]:  # noqa: ARG002
+        """None: the law is told by the normal law before truncation."""
+        return {}
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
         a, b = self._standard_limits(values)

@@ -14,7 +14,7 @@ Units = Mapping[str, str]
 
 # What has the unit of its parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`, `k.median`.
 _OF_LAW = re.compile(
-    r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value|median|lower|upper|loc|scale|truncated (mean|sd))"
+    r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value|median|lower|upper|loc|scale)"
     r"(\[(?P<term>.*)\])?$"
 )
 _NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?:process_)?sd$")

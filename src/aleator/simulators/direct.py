@@ -77,6 +77,9 @@ def array_trial(
     (ArrayTrial(compared=2, fault=''), 1)
     >>> tried(lambda x: 2.0 if x > 1.5 else x).fault
     'it raised ValueError: The truth value of an array with more than one element is ambiguous...
+    >>> import math
+    >>> tried(lambda x: math.exp(x)).fault
+    'it raised TypeError: ... (math.exp and the like take single numbers)'
     """
     case, x = case[: settings.checked], x[: settings.checked]
     try:

@@ -31,6 +31,7 @@ from aleator.observations.responses import Transform
 from aleator.results import printed
 from aleator.search.interface import OPTIMA
 from aleator.simulators.derived import defaults_left
+from aleator.tasks.arguments import require_kind
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.nesting import Defaults, Embedding, embedded
@@ -362,6 +363,7 @@ def _check(
     if bootstrap < 0:
         raise InputsError(f"compare: {bootstrap} data sets", "choose 0 or more; 200 tell a lot")
     for name, model in models.items():
+        require_kind(model, Identification, name, "identify(...), or load(...)")
         require_plain(name, restricted=model.log_likelihood.restricted is not None)
     for pair in nested:
         for name in pair:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.core.progress import Progress, Silent
+from aleator.errors import short
 from aleator.fit.budget import spend
 from aleator.fit.flow import Answer, identified
 from aleator.fit.ledger import Ledger
@@ -107,9 +109,10 @@ def identify(
     experiments. `small_sample` adjusts the intervals for few experiments by Skovgaard's modified
     signed root of the profile (see docs/statistics/intervals.md); the estimates stay.
 
-    Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
-    on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
-    of some hundred evaluations of the likelihood.
+    Raises AleatorError for input that cannot be used. Ctrl-C raises KeyboardInterrupt, whose note
+    says what became of the runs: a `Runner` with a `Store` keeps all that completed. Numerical
+    failures are statuses and warnings on the result. Cost: the runs of the surfaces and of the
+    check, and some milliseconds for each of some hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -134,13 +137,34 @@ def identify(
         small_sample=small_sample,
     )  # fmt: skip
     choices.require_enough()
-    answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
-    result = result_of(answer, table, verification, ledger)
-    found = Identification.of(replace(result, units=shown), _session(answer, table))
-    if not restricted:
-        found = replace(found, criteria=Criteria.of(found.fit).reported())
-    keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
-    return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
+    with _telling_how_to_go_on(runner):
+        question = choices.question(runner, table.observations, seed)
+        answer = identified(question, verification, ledger)
+        result = result_of(answer, table, verification, ledger)
+        found = Identification.of(replace(result, units=shown), _session(answer, table))
+        if not restricted:
+            found = replace(found, criteria=Criteria.of(found.fit).reported())
+        keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
+        taken = (*runner.used_conditions, *inputs.columns)
+        return _judged(found, taken, consistency, best_law, ledger)
+
+
+@contextmanager
+def _telling_how_to_go_on(runner: Runner) -> Iterator[None]:
+    """Add to the KeyboardInterrupt of Ctrl-C what became of the runs, below its traceback."""
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        if runner.cache is not None:
+            file = short(runner.cache.store.path)
+            stopped.add_note(f"Completed runs are in {file}: the same call goes on from there.")
+        elif runner.fresh:
+            stopped.add_note(
+                f"The {runner.fresh:,} runs are not kept. With Runner(simulator, experiments, "
+                "parameters, store=Store('runs.sqlite')) in place of the simulator, the same call "
+                "goes on from where it was stopped."
+            )
+        raise
 
 
 def _judged(
