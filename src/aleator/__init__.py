@@ -128,6 +128,9 @@ _HOMES = {
     "errors": ["AleatorError"],
 }  # fmt: skip
 
+# What is looked for in `identify` or a law, and is an argument of another class.
+_TAKEN_BY = {"correlation": "Inputs", "levels": "Inputs", "relative": "Noise", "sd": "Noise"}
+
 __all__ = [name for names in _HOMES.values() for name in names]
 
 if not TYPE_CHECKING:
@@ -137,7 +140,12 @@ if not TYPE_CHECKING:
         home = next((home for home, names in _HOMES.items() if name in names), None)
         if home is None:
             raise AttributeError(f"module 'aleator' has no attribute '{name}'")
-        return globals().setdefault(name, getattr(import_module(f"aleator.{home}"), name))
+        module = import_module(f"aleator.{home}")
+        found = getattr(module, name)
+        if callable(found) and name != "AleatorError":
+            found = import_module("aleator.errors").naming_arguments(found, _TAKEN_BY)
+            setattr(module, name, found)  # so that it can be pickled by its name
+        return globals().setdefault(name, found)
 
     def __dir__() -> list[str]:
         """The public names, imported or not, for completion in an editor."""

@@ -6,9 +6,11 @@ A failure of a numerical method is not an exception: it is a status on the resul
 from __future__ import annotations
 
 import difflib
+import functools
+import inspect
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -186,6 +188,68 @@ def disordered(lower: float, upper: float) -> tuple[str, str]:
         return f"the lower and the upper limit are both {lower:g}", "make the upper limit larger"
     problem = f"the lower limit {lower:g} is above the upper limit {upper:g}"
     return problem, f"write {upper:g}, {lower:g}"
+
+
+def naming_arguments(call: Callable[..., Any], taken_by: Mapping[str, str]) -> Callable[..., Any]:
+    """The same class or function; a call that does not fit its arguments raises InputsError.
+
+    Python itself raises TypeError. The error names the arguments that there are, and for one in
+    `taken_by` the class that takes it. A class stays the same object. Cost: nothing in a call that
+    fits.
+
+    >>> def stiffness(load, travel):
+    ...     return load / travel
+    >>> naming_arguments(stiffness, {})(load=1.0, travl=2.0)
+    Traceback (most recent call last):
+    aleator.errors.InputsError: stiffness has no argument 'travl' (did you mean 'travel'?)
+      Remedy: its arguments are load, travel
+    """
+    made = call.__init__ if isinstance(call, type) else call  # type: ignore[misc]
+    signature, name = inspect.signature(call), call.__name__
+
+    @functools.wraps(made)
+    def called(*args: Any, **named: Any) -> Any:
+        try:
+            return made(*args, **named)
+        except TypeError:
+            own = args[1:] if isinstance(call, type) else args
+            try:
+                signature.bind(*own, **named)
+            except TypeError as error:
+                wrong = next((key for key in named if key not in signature.parameters), None)
+                others = [
+                    key for key, value in vars(call).items() if isinstance(value, classmethod)
+                ]
+                raise _misfit(
+                    name, [*signature.parameters], wrong, error, taken_by, others
+                ) from None
+            raise
+
+    if not isinstance(call, type):
+        return called
+    call.__init__ = called  # type: ignore[misc]
+    return call
+
+
+def _misfit(
+    name: str,
+    known: Sequence[str],
+    wrong: str | None,
+    error: TypeError,
+    taken_by: Mapping[str, str],
+    others: Sequence[str],
+) -> InputsError:
+    """The error of a call of `name` with a `wrong` argument, or with too few or too many.
+
+    `others` are the names of the further constructors of a class.
+    """
+    remedy = f"its arguments are {', '.join(known)}" if known else "it takes no arguments"
+    remedy += "".join(f"; or {name}.{other}(...)" for other in others if other[0] != "_")
+    if wrong is None:
+        return InputsError(f"{name}: {error}", remedy)
+    if (home := taken_by.get(wrong)) and home != name:
+        remedy = f"{home} takes it: {home}(..., {wrong}=...)"
+    return InputsError(f"{name} has no argument '{wrong}'{nearest(wrong, known)}", remedy)
 
 
 def require_filled(value: object, interface: type, place: str) -> None:

@@ -389,3 +389,25 @@ def test_a_distribution_that_is_no_law_is_refused(distribution, told: str) -> No
     with pytest.raises(InputsError, match=told) as refused:
         ScipyLaw(distribution)
     assert refused.value.remedy
+
+
+WEIBULL = stats.weibull_min(2.0, scale=3.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "by_quantities"),
+    [
+        (LogNormal(2.0, 0.7, 0.5), lambda q: stats.lognorm(q["sdlog"], 0.5, q["median"] - 0.5)),
+        (Gamma(2.0, 0.7, 0.5), lambda q: stats.gamma(q["shape"], 0.5, q["scale"])),
+        (Beta((0.0, 4.0), 2.0, 0.7), lambda q: stats.beta(q["shape1"], q["shape2"], 0.0, 4.0)),
+        (Uniform(2.0, 0.7), lambda q: stats.uniform(q["lower"], q["upper"] - q["lower"])),
+        (ScipyLaw(WEIBULL, 2.0, 0.7), lambda q: stats.weibull_min(2.0, q["loc"], q["scale"])),
+    ],
+)
+def test_the_customary_quantities_determine_the_law(law: Law, by_quantities: Any) -> None:
+    told = law.customary(np.array([2.0, 0.7]))
+    truth = by_quantities(told)
+    assert (truth.mean(), truth.std()) == pytest.approx((2.0, 0.7), rel=1e-9)
+    if "geometric sd" in told:
+        log = np.log(truth.ppf([special.ndtr(1.0), 0.5]) - 0.5)
+        assert told["geometric sd"] == pytest.approx(math.exp(log[0] - log[1]), rel=1e-9)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +27,8 @@ from aleator import (
     LogNormal,
     Noise,
     Normal,
+    Runner,
+    Store,
     Uniform,
 )
 from aleator.errors import AleatorError
@@ -165,3 +170,52 @@ def test_a_simulator_without_conditions_is_asked_without_any() -> None:
     alone = replace(found, session=replace(found.session, experiments=None))
     for one in (found, alone):
         assert one.predict({}, uncertainty=False)["q0.5"][0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_every_public_name_tells_of_an_argument_that_it_has_not() -> None:
+    for name in {*aleator.__all__} - {"AleatorError", "compare"}:
+        with pytest.raises(AleatorError, match="argument"):
+            getattr(aleator, name)(no_such_argument=1)
+    with pytest.raises(AleatorError, match=r"'meanlog'.*\n.*mean, sd, lower"):
+        LogNormal(meanlog=1.0)  # type: ignore[call-arg]
+    with pytest.raises(AleatorError, match=r"Inputs\(\.\.\., correlation="):
+        asked(correlation={})
+    with pytest.raises(AleatorError, match=r"Uniform\.between"):
+        Uniform(lower=0.0, upper=1.0)  # type: ignore[call-arg]
+    assert pickle.loads(pickle.dumps(aleator.identify)) is aleator.identify
+
+
+def test_a_stopped_identification_keeps_its_runs_and_tells_where(tmp_path: Path) -> None:
+    table, calls = Experiments.from_frame(TABLE, outcome="travel", id="unit"), list[float]()
+
+    def stopping(load: float, slope: float) -> float:
+        calls.append(slope)
+        if len(calls) == 7:
+            raise KeyboardInterrupt
+        return math.sqrt(load) * slope
+
+    def runner() -> Runner:
+        return Runner(stopping, table, ("slope",), store=Store(tmp_path / "runs.sqlite"))
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        unjudged(runner(), table, LAW, noise=0.2, verification=Check(0))
+    assert "runs.sqlite" in stopped.value.__notes__[0]
+    cache = runner().cache
+    assert cache is not None
+    assert 0 < cache.at_start.runs < len(calls)
+
+
+def test_median_and_sdlog_have_the_intervals_of_a_normal_law_of_the_logarithm() -> None:
+    """The median is exp of the logarithm's mean, and sdlog its sd: profiles are invariant."""
+    law = {"slope": LogNormal(Free(0.5, 5.0), Free(0.01, 3.0))}
+    found = asked(law=law, id="unit")
+    logarithm = {"log_slope": Normal(Free(-1.0, 2.0), Free(0.005, 1.0))}
+    other = asked(lambda load, log_slope: load * np.exp(log_slope), law=logarithm, id="unit")
+    exact = other.intervals.assign(estimate=other.values)
+    told = found.quantities[["lower", "upper", "estimate"]]
+    median, sdlog = np.exp(exact.loc["log_slope.mean"]), exact.loc["log_slope.sd"]
+    assert told.loc["slope.median"].tolist() == pytest.approx(median.tolist(), rel=0.02)
+    assert told.loc["slope.sdlog"].tolist() == pytest.approx(sdlog.tolist(), rel=0.06)
+    assert "slope.sdlog" in repr(found)
+    assert found.aic == pytest.approx(-2.0 * found.log_likelihood.estimated + 4.0, abs=1e-6)
+    assert len(repr(found.draws()).splitlines()) == 5

@@ -27,6 +27,7 @@ from aleator import (
     TruncatedNormal,
     ceiling,
     compare,
+    load,
 )
 from aleator.core.progress import Silent
 from aleator.laws import By
@@ -396,3 +397,38 @@ def test_a_comparison_makes_no_run() -> None:
     assert np.isnan(table.loc["alike", "below_ceiling"])
     (why,) = (model.no_ceiling for model in compared.models if model.name == "alike")
     assert f"alike: {why}" in repr(compared)
+
+
+def test_a_default_of_the_simulator_is_a_constant_and_a_stored_answer_is_taken(
+    tmp_path: Path,
+) -> None:
+    frame = made()
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+    noise, law = Noise(Free(0.01, 2.0)), Normal(Free(0.5, 4.0), Free(0.0, 2.0))
+
+    def model(x, offset=0.25):
+        return x + offset
+
+    def found(law: Normal = law, **laws: Constant) -> Identification:
+        return found_by(model, table, noise, x=law, **laws)
+
+    left, fixed = found(), Constant(0.25)
+    free, known = found(offset=Constant(Free(0.0, 0.5))), Normal(2.0, Free(0.0, 2.0))
+    left.save(tmp_path / "left.json")
+    again = load(
+        tmp_path / "left.json", simulator=model, inputs={"x": law}, vectorized=True, noise=noise,
+        experiments=table,
+    )  # fmt: skip
+    other = found(known, offset=Constant(0.2))
+    compared = compare(
+        again=again, free=free, fixed=found(known, offset=fixed), other=other, ceilings=False
+    )
+    pairs = {(r.smaller, r.larger): r for r in compared.ratios}
+    assert {("again", "free"), ("fixed", "again")} <= {*pairs}
+    assert pairs["again", "free"].statistic == pytest.approx(0.0, abs=2e-3)  # not identifiable
+    reasons = {frozenset(pair[:2]): pair[2] for pair in compared.without}
+    assert "offset.value" in reasons[frozenset(("other", "again"))]
+    assert all(reason in repr(compared) for reason in reasons.values())
+    row = compared.table().loc["again"]
+    assert (row["aic"], row["bic"]) == pytest.approx((left.aic, left.bic), abs=1e-9)
+    assert left.to_dict()["criteria"]["free"] == 3

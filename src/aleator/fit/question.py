@@ -438,8 +438,7 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
     if not runner.vectorized and runner.account.budget.hours is not None:
         return Way(False, "runs have a budget, and the simulator is not stated to take arrays")
     if not runner.takes_arrays(region):
-        tried = f": called with arrays, {runner.array_fault}" if runner.array_fault else ""
-        return Way(False, f"the simulator makes one run at a time{tried}")
+        return Way(False, "the simulator makes one run at a time")
     if fails_here_and_there(runner, x, region):
         return Way(False, "the simulator takes arrays, but runs fail here and there")
     if not runner.vectorized:

@@ -116,6 +116,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             restricted=reviewed.at.total if question.choices.restricted else None,
         ),
         propagation_reason=certain.refined.reason,
+        array_fault="" if certain.refined.direct else question.runner.array_fault,
         levels=dict(question.inputs.levels),
         sound=reviewed.sound,
         undetermined=reviewed.undetermined,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
@@ -98,7 +99,7 @@ class Estimated:
     correlation: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AlphaDraws:
     """Draws (A, K) of alpha with weights (A,) that sum to one; `estimate` (K,) is the maximum.
 
@@ -106,7 +107,8 @@ class AlphaDraws:
     logarithm of the density of the draws divided by the prior density, zero at the estimate; the
     likelihood is divided by it when the draws are weighted. `fixed` (H,) are the free
     hyperparameters whose uncertainty is unknown: they keep their estimate. `effective` is the
-    number of equally weighted draws that would be as precise.
+    number of equally weighted draws that would be as precise. `names` (K,) are those of the
+    hyperparameters, or empty.
 
     >>> AlphaDraws.at(np.array([1.0, 0.5])).alpha.tolist()
     [[1.0, 0.5]]
@@ -118,6 +120,25 @@ class AlphaDraws:
     z: Array
     log_density: Array
     fixed: Indices
+    names: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        size = f"{len(self.alpha)} draws of alpha, as precise as {self.effective:.0f} of one weight"
+        return f"{size}\n{self.table().to_string(float_format='{:.4g}'.format)}"
+
+    def table(self) -> pd.DataFrame:
+        """A row for each hyperparameter: its estimate, and mean, sd and quantiles of its draws.
+
+        >>> AlphaDraws.at(np.array([1.0])).table().loc[0].tolist()
+        [1.0, 1.0, 0.0, 1.0, 1.0]
+        """
+        mean = self.weights @ self.alpha
+        low, high = quantiles(self.alpha.T, self.weights, np.array(INTERVALS.ends)).T
+        sd = np.sqrt(self.weights @ (self.alpha - mean) ** 2) * (np.ptp(self.alpha, axis=0) > 0.0)
+        columns = {
+            "estimate": self.estimate, "mean": mean, "sd": sd, "q0.025": low, "q0.975": high,
+        }  # fmt: skip
+        return pd.DataFrame(columns, index=[*self.names] or None)
 
     @classmethod
     def at(cls, alpha: Array) -> AlphaDraws:

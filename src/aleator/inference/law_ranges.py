@@ -1,4 +1,4 @@
-"""The range that holds 95 % of each parameter's law, and how sure its two ends are."""
+"""The range that holds 95 % of each parameter's law and its usual quantities, with intervals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from aleator.inference.information import INTERVALS
 from aleator.laws.covariates import Table
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.results.values import LawEnds, LawRange
+from aleator.laws.law import Law
+from aleator.results.values import LawEnds, LawQuantity, LawRange
 
 ENDS = np.array(INTERVALS.ends)
 
@@ -47,11 +48,11 @@ def law_ranges(
     """The 95 % range of each scattering parameter, by name, for `count` experiments.
 
     q_p = F^-1(p | alpha) for p = 2.5 and 97.5 %, at the estimate; the interval of an end is that of
-    the same quantiles of q_p over the `draws` of alpha. `hyperparameters` (K,) are those of alpha.
-    If a law follows covariates, F is the mean of the laws of the experiments; if one of them is a
-    factor of few levels, each level has its range too, which takes the `covariates` of the
-    experiments. A law without finite quantiles is left out. Cost: milliseconds, with covariates a
-    second.
+    the same quantiles of q_p over the `draws` of alpha, and so are those of the law's quantities
+    (`Law.customary`). `hyperparameters` (K,) are those of alpha. If a law follows covariates, F is
+    the mean of the laws of the experiments; if one of them is a factor of few levels, each level
+    has its range too, which takes the `covariates` of the experiments. A law without finite
+    quantiles is left out. Cost: milliseconds, with covariates a second.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(2.0, 0.5)})
@@ -67,16 +68,21 @@ def law_ranges(
         name = inputs.names[i]
         if not np.all(np.isfinite(ends[0])):
             continue
-        apart = LawsByLevel.of(inputs, i, covariates)
-        known = name not in unknown
+        apart, law = LawsByLevel.of(inputs, i, covariates), inputs.law(i)
+        known, follows = name not in unknown, _follows(inputs, i)
+        own = {} if follows else _quantities(law, partial(_values, inputs, i), draws, known=known)
         found[name] = LawRange(
-            **_told(ends, known=known), level=inputs.levels.get(name), follows=_follows(inputs, i)
-        )
+            **_told(ends, known=known), quantities=own, level=inputs.levels.get(name),
+            follows=follows,
+        )  # fmt: skip
         if apart is not None:
             each = _ends(partial(_ends_by_level, apart), draws)
             by_level = {
-                level: LawEnds(**_told(own, known=known))
-                for level, own in zip(apart.levels, each, strict=True)
+                level: LawEnds(
+                    **_told(each[e], known=known),
+                    quantities=_quantities(law, partial(_values_at, apart, e), draws, known=known),
+                )
+                for e, level in enumerate(apart.levels)
             }
             found[name] = replace(found[name], factor=apart.factor, at=apart.at, by_level=by_level)
     return found
@@ -96,6 +102,33 @@ def _told(ends: Array, *, known: bool) -> dict[str, Any]:
     intervals = [*zip(*sure, strict=True)] if known and np.all(np.isfinite(sure)) else [None, None]
     return {"lower": lower, "upper": upper,
             "lower_interval": intervals[0], "upper_interval": intervals[1]}  # fmt: skip
+
+
+def _quantities(
+    law: Law, values: Callable[[Array], Array], draws: AlphaDraws, *, known: bool
+) -> dict[str, LawQuantity]:
+    """The quantities by which a law is usually told; `values` has its (k,) values at an alpha."""
+    if all(h.is_number for h in law.hyperparameters):
+        return {}
+    estimate = law.customary(values(draws.estimate))
+    each = np.array([[*law.customary(values(alpha)).values()] for alpha in draws.alpha])
+    found = {}
+    for q, (name, value) in enumerate(estimate.items()):
+        low, high = quantiles(each[:, q], draws.weights, ENDS).tolist()
+        sure = known and np.isfinite(low) and np.isfinite(high)
+        found[name] = LawQuantity(value, (low, high) if sure else None)
+    return found
+
+
+def _values(inputs: Inputs, i: int, alpha: Array) -> Array:
+    """The hyperparameters (k,) of a law that is the same for all experiments."""
+    own = inputs.values(alpha[: inputs.size], slice(0, 1))[i]
+    return own.reshape(len(own), -1)[:, 0]
+
+
+def _values_at(laws: LawsByLevel, level: int, alpha: Array) -> Array:
+    """The hyperparameters (k,) of the law at a level, given by its number."""
+    return laws.values(alpha)[:, level]
 
 
 def _ends_by_level(laws: LawsByLevel, alpha: Array) -> Array:

@@ -19,6 +19,7 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import DIFFERENCES, side_of
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
+from aleator.results.values import InformationCriteria
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,28 @@ class Criteria:
     of_rest: int
     experiments: int
     observations: int
+
+    @classmethod
+    def of(cls, fit: Fit) -> Criteria:
+        """The criteria of a fit at its maximum.
+
+        Free hyperparameters of scattering laws are counted apart from all others, since BIC relates
+        them to the number of experiments.
+        """
+        laws, identified = fit.inputs.laws, fit.inference.identified.tolist()
+        of_law = 0
+        for k in identified:
+            law = laws.get(fit.hyperparameters[k].name.partition(".")[0])
+            of_law += k < fit.inputs.size and (law is None or law.scatters)
+        return cls(
+            fit.scored().likelihood, of_law, len(identified) - of_law, fit.count,
+            len(fit.table.observations),
+        )  # fmt: skip
+
+    def reported(self) -> InformationCriteria:
+        """The criteria as an answer has them."""
+        aicc = self.aicc if math.isfinite(self.aicc) else None
+        return InformationCriteria(self.free, self.aic, aicc, self.bic)
 
     @property
     def free(self) -> int:

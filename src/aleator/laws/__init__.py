@@ -5,13 +5,14 @@ covariates. A `Law` is the marginal law of one parameter, the image of a standar
 `Inputs` is the joint law of all parameters, x = T(theta | alpha): it has their correlations, and
 the laws of single experiments where these differ.
 
-`law` defines what a marginal law offers. The marginal laws themselves are in `marginals`,
+`law` defines what a marginal law offers. The laws themselves are in `constant`, `marginals`,
 `truncated_normal`, `scipy_law` and `mixture`. The entries of the vector alpha of hyperparameters
 come from `hyperparameter`, `covariates` and `correlation`. `inputs` has the joint law, which is all
 that a likelihood needs. `quadrature` has nodes and weights for averages over the joint law, and
 `classes` orders the components of mixtures.
 """
 
+from aleator.laws.constant import Constant
 from aleator.laws.hyperparameter import (
     OPEN,
     Between,
@@ -24,7 +25,7 @@ from aleator.laws.hyperparameter import (
 )
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law, MeanSd, Rule, Standard
-from aleator.laws.marginals import Beta, Constant, Gamma, LogNormal, Normal, Uniform
+from aleator.laws.marginals import Beta, Gamma, LogNormal, Normal, Uniform
 from aleator.laws.mixture import Mixture, QuantileLaw
 from aleator.laws.scipy_law import ScipyLaw
 from aleator.laws.truncated_normal import TruncatedNormal

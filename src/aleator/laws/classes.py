@@ -10,9 +10,10 @@ from functools import lru_cache
 import numpy as np
 
 from aleator.core.types import Array
+from aleator.laws.constant import Constant
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law
-from aleator.laws.marginals import Constant, Normal
+from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
 
 

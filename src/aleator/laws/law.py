@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -171,6 +171,12 @@ class Law(Protocol):
         the location is set, and all other hyperparameters are at their starts.
         """
 
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The quantities, by name, by which the law is usually told and which `values` are not.
+
+        A lognormal law has its median and the sd of the logarithm; many laws have none.
+        """
+
 
 def require_law(value: object, place: str) -> None:
     """Check that a value is a law; InputsError says how the law is written that is meant.
@@ -244,6 +250,10 @@ class ByMeanAndSd:
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The values (mean, sd) equal to the center and the sd, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
+
+    def customary(self, values: Array) -> Mapping[str, float]:  # noqa: ARG002
+        """None: mean and sd are the usual quantities."""
+        return {}
 
 
 Tail = Callable[..., Array]

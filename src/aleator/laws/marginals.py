@@ -1,9 +1,9 @@
-"""The marginal laws in closed form: constant, normal, lognormal, uniform, gamma, beta."""
+"""The marginal laws in closed form that scatter: normal, lognormal, uniform, gamma, beta."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -28,12 +28,10 @@ from aleator.laws.hyperparameter import (
     require_above,
     resolve,
     widest_above,
-    within,
 )
 from aleator.laws.law import (
     NUMERICS,
     ByMeanAndSd,
-    MeanSd,
     Rule,
     Standard,
     Tabulated,
@@ -71,73 +69,6 @@ class Shapes:
 
 
 SHAPES = Shapes()
-
-
-@dataclass(frozen=True)
-class Constant:
-    """A parameter without scatter, P(x = value) = 1; its only hyperparameter is `value`.
-
-    `value` is a number (known) or `Free(lower, upper)` (identified). Raises InputsError where
-    the limits are missing or out of order.
-
-    >>> from aleator.laws import Free
-    >>> Constant(Free(-20.0, 0.0)).hyperparameters[0].start
-    -10.0
-    """
-
-    value: Specification = OPEN
-    bounded = True
-    scatters = False
-
-    def __post_init__(self) -> None:
-        with naming(type(self).__name__):
-            _ = self.hyperparameters
-
-    @cached_property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The only hyperparameter, `value`."""
-        return (resolve("value", self.value, (None, None)),)
-
-    @property
-    def box(self) -> tuple[float, float]:
-        """The range of the parameter, which is the limits of its value."""
-        value = self.hyperparameters[0]
-        return value.lower, value.upper
-
-    def rule(self, values: Array, nodes: int) -> Rule:  # noqa: ARG002 (one node suffices)
-        """A rule with one node, at the value."""
-        one = np.ones((1, 1))
-        return Rule(values[:1].copy(), np.ones(1), np.zeros(1), one, np.zeros((1, 1)))
-
-    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """One pair of coefficients, because only the polynomial of degree zero exists."""
-        return np.zeros(1), np.ones(1)
-
-    def log_density(self, values: Array, x: Array) -> Array:
-        """The log probability of x: zero at the value, minus infinity elsewhere."""
-        return np.where(x == values[0], 0.0, -np.inf)
-
-    def normal_score(self, values: Array, x: Array) -> Array:
-        """The normal score, which is zero at the value and infinite elsewhere."""
-        return np.where(x == values[0], 0.0, np.copysign(np.inf, x - values[0]))
-
-    def quantile(self, values: Array, probability: Array) -> Array:
-        """The value itself, which is the quantile at every probability."""
-        return np.full(probability.shape, values[0])
-
-    def standard(self, values: Array, theta: Array) -> Standard:
-        """The value itself, which does not depend on theta."""
-        return Standard(
-            np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((*theta.shape, 1))
-        )
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The mean, which is the value, and an sd of zero."""
-        return MeanSd(float(values[0]), 0.0, np.ones(1), np.zeros(1))
-
-    def filling(self, center: float, sd: float | None = None) -> Array:  # noqa: ARG002
-        """The value (1,) equal to the center, moved into its limits."""
-        return within(self.hyperparameters, [center])
 
 
 @dataclass(frozen=True)
@@ -261,6 +192,18 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
         dvalues[..., 0] = share - c * by_sd
         return Standard(self.lower + above, s * above, dvalues)
 
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The median of x, and sdlog = s and the geometric sd e^s of x - lower.
+
+        >>> law = LogNormal(np.e**0.5, np.sqrt(np.e**2 - np.e))                   # m = 0, s = 1
+        >>> [round(v, 6) for v in law.customary(np.array([law.mean, law.sd])).values()]
+        [1.0, 1.0, 2.718282]
+        """
+        distance = values[0] - self.lower
+        s = float(_log_sd(values[1] / distance))
+        median = self.lower + float(distance) * math.exp(-0.5 * s**2)
+        return {"median": median, "sdlog": s, "geometric sd": math.exp(s)}
+
 
 def _log_sd(variation: Array) -> Array:
     """The standard deviation of the logarithm of x, from the coefficient of variation of x."""
@@ -353,6 +296,11 @@ class Uniform(ByMeanAndSd):
         dtheta = HALF * values[1] * math.sqrt(2.0 / math.pi) * np.exp(-0.5 * theta**2)
         dvalues = np.stack([np.ones(theta.shape), HALF * t], axis=-1)
         return Standard(self._at(values, t), dtheta, dvalues)
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The two ends."""
+        lower, upper = self._ends(values)
+        return {"lower": lower, "upper": upper}
 
     def _ends(self, values: Array) -> tuple[float, float]:
         if self.ends is not None:
@@ -455,6 +403,11 @@ class Gamma(ByMeanAndSd):
         by_c = difference(lambda v: (_standard_gamma(v**-2.0, theta) - v**-2.0) * v, c)
         dvalues = np.stack([1.0 - c**2 * by_c, (g - k) * c + c * by_c], axis=-1)
         return Standard(self.lower + scale * g, slope(theta, _log_gamma(k, scale, g)), dvalues)
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The shape k and the scale."""
+        shape, scale = self._shape_and_scale(values)
+        return {"shape": float(shape), "scale": float(scale)}
 
     def _shape_and_scale(self, values: Array) -> tuple[Array, Array]:
         distance = values[0] - self.lower
@@ -616,6 +569,11 @@ class Beta(ByMeanAndSd):
         by_mean, by_sd = (width * (by_p * dp + by_q * dq) for dp, dq in jac.swapaxes(0, 1))
         dvalues = np.stack([by_mean, by_sd], axis=-1)
         return Standard(np.clip(x, lower, upper), slope(theta, log_density), dvalues)
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The shapes p and q, as R calls them: shape1 and shape2."""
+        p, q, _ = self._shapes(values)
+        return {"shape1": float(p), "shape2": float(q)}
 
     def _shapes(self, values: Array) -> tuple[Array, Array, Array]:
         """The shapes p and q, and their derivatives (2, 2, ...) by the mean and the sd."""

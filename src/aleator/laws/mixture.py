@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -150,6 +150,11 @@ class QuantileLaw(ThroughNormal, ABC):
         """The mean and sd of the law with derivatives, by quadrature over the normal score."""
         mean, sd = self._moments(values).tolist()
         return MeanSd(mean, sd, *self._slopes(self._moments, values))
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """The mean and the sd, which are no hyperparameters here."""
+        mean, sd = self._moments(values).tolist()
+        return {"mean": mean, "sd": sd}
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The values (k,) of the law whose mean and sd are as near to these as the limits admit."""

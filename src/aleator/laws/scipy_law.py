@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -125,6 +126,14 @@ class ScipyLaw(ThroughNormal):
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The values (mean, sd) moved into their limits; an empty array for a known law."""
         return filled(self.hyperparameters, center, sd) if self.hyperparameters else np.empty(0)
+
+    def customary(self, values: Array) -> Mapping[str, float]:
+        """SciPy's loc and scale, with which the distribution has this mean and sd."""
+        if not values.size:
+            return {}
+        mean, sd = _moments(self._shape)
+        scale = float(values[1]) / sd
+        return {"loc": float(values[0]) - scale * mean, "scale": scale}
 
     @cached_property
     def _shape(self) -> Any:

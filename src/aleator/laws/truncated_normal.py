@@ -6,6 +6,7 @@ The module also has the paper's "clip": the map from a standard normal variate t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -188,6 +189,10 @@ class TruncatedNormal(ThroughNormal):
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The values (mean, sd) of the normal law before truncation, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
+
+    def customary(self, values: Array) -> Mapping[str, float]:  # noqa: ARG002
+        """None: the law is told by the normal law before truncation."""
+        return {}
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
         a, b = self._standard_limits(values)

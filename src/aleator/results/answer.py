@@ -43,7 +43,13 @@ def answer(document: Document) -> Content:
     return Content(
         str(document.get("title") or ""),
         lead(document),
-        [Chapter("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
+        [
+            Chapter(
+                "estimates",
+                "Estimates",
+                [estimates(document), quantities(document), log_likelihood(document)],
+            )
+        ],
         warnings(document),
         verdicts(document),
         findings(document),
@@ -113,7 +119,26 @@ def lead(document: Document) -> tuple[Sentence, ...]:
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
         Sentence(_method(document), depth=WHOLE),
+        *without_arrays(document),
     )
+
+
+def without_arrays(document: Document) -> tuple[Sentence, ...]:
+    """Why a function that was tried with arrays is called once for each run, if it was.
+
+    >>> print(*without_arrays({"array_fault": "it returned no finite number"}))
+    Arrays: the function was tried with arrays: it returned no finite number. So each run is a...
+    """
+    if not (fault := document.get("array_fault")):
+        return ()
+    return (
+        Sentence(
+            f"the function was tried with arrays: {fault}. So each run is a call, and an emulator "
+            "takes its place.",
+            "plain", "Arrays",
+            "a formula in NumPy takes arrays and needs none: np.exp for math.exp, np.where for if",
+        ),
+    )  # fmt: skip
 
 
 def _method(document: Document) -> str:
@@ -159,6 +184,28 @@ def estimates(document: Document) -> TextTable:
         interval = between(entry.get("interval"), error)
         rows.append((label(document, name), *shown, interval, _note(entry)))
     return TextTable(COLUMNS, rows, "estimates", "Estimates")
+
+
+def quantities(document: Document) -> TextTable:
+    """The table of the quantities by which the laws are usually told; without rows if none are.
+
+    >>> median = {"estimate": 1.0, "interval": [0.8, 1.3]}
+    >>> quantities({"ranges": {"k": {"quantities": {"median": median}}}}).rows
+    [('k.median', '1.00', '0.80 .. 1.30')]
+    """
+    rows = []
+    for name, entry in (document.get("ranges") or {}).items():
+        levels = (entry.get("by_level") or {}).items()
+        laws = [("", entry), *((f"[{entry.get('factor')}={each}]", own) for each, own in levels)]
+        for at, law in laws:
+            for what, one in (law.get("quantities") or {}).items():
+                ends = one.get("interval")
+                error = (ends[1] - ends[0]) / 4.0 if ends else None
+                shown = with_error(one["estimate"], error, estimate=True)[0]
+                head = label(document, f"{name}.{what}{at}")
+                rows.append((head, shown, between(ends, error)))
+    columns = heads("of the laws", ">estimate", ">95 % interval")
+    return TextTable(columns, rows, "quantities", "Quantities of the laws")
 
 
 def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:

@@ -18,10 +18,10 @@ from aleator.errors import AleatorError, short
 # The order of keys in a file: the most important first. Other keys follow in their own order.
 _ORDER = (
     "title", "study", "sound", "undetermined", "consistent", "alpha", "correlation",
-    "parameter_correlations", "factors", "log_likelihood", "baselines", "warnings", "consistency",
-    "simulator",
-    "density", "propagation", "propagation_reason", "search", "surface", "runs", "runs_by_stage",
-    "experiments", "seed", "versions", "seconds",
+    "parameter_correlations", "factors", "log_likelihood", "criteria", "baselines", "warnings",
+    "consistency", "simulator",
+    "density", "propagation", "propagation_reason", "array_fault", "search", "surface", "runs",
+    "runs_by_stage", "experiments", "seed", "versions", "seconds",
 )  # fmt: skip
 
 

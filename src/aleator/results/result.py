@@ -23,6 +23,7 @@ from aleator.results.values import (
     FactorEffect,
     FailureReport,
     IndividualReport,
+    InformationCriteria,
     LawRange,
     LogLikelihoodReport,
     ObservationReport,
@@ -53,10 +54,12 @@ class Result(Plain):
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
     the 95 % range of each scattering parameter, by name (`LawRange`). `search`, `surface`,
     `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document, with None
-    for a number that JSON cannot hold. `answers` are those to the questions about outcomes of new
-    experiments that `identify` was asked. `runs` are the different runs that were needed,
-    stored ones included. About the square root of their number, at most 24, and the first one are
-    made a second time, to check that outcomes repeat.
+    for a number that JSON cannot hold. `array_fault` says why a function that was tried with arrays
+    is called once a run; it is "" if none was. `criteria` are AIC, AICc and BIC, None for a
+    restricted likelihood. `answers` are those to the questions about outcomes of new experiments
+    that `identify` was asked. `runs` are the different runs that were needed, stored ones included.
+    About the square root of their number, at most 24, and the first one are made a second time, to
+    check that outcomes repeat.
 
     Each field has the form in which it is read back from a document: Python's numbers, tuples,
     dictionaries. Two results are equal if their documents are equal.
@@ -96,6 +99,8 @@ class Result(Plain):
     best_possible: Mapping[str, float] | None = None
     pictures: Mapping[str, Any] = field(default_factory=dict)
     propagation_reason: str = ""
+    array_fault: str = ""
+    criteria: InformationCriteria | None = None
     levels: Mapping[str, str] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
     answers: tuple[OutcomeAnswer, ...] = ()
@@ -144,6 +149,16 @@ class Result(Plain):
         return self.consistency.consistent
 
     @property
+    def aic(self) -> float:
+        """Akaike's criterion, as `aleator.compare` has it; NaN for a restricted likelihood."""
+        return math.nan if self.criteria is None else self.criteria.aic
+
+    @property
+    def bic(self) -> float:
+        """The Bayesian criterion, as `aleator.compare` has it; NaN for a restricted likelihood."""
+        return math.nan if self.criteria is None else self.criteria.bic
+
+    @property
     def emulator_error(self) -> float | None:
         """The error of the estimates that an emulator in place of the simulator causes.
 
@@ -172,6 +187,26 @@ class Result(Plain):
         """
         ends = {name: e.interval or (np.nan, np.nan) for name, e in self.alpha.items()}
         return pd.DataFrame.from_dict(ends, orient="index", columns=["lower", "upper"])
+
+    @property
+    def quantities(self) -> pd.DataFrame:
+        """The quantities by which the laws are usually told, such as the median of a lognormal law.
+
+        The columns are the estimate, and the ends lower and upper of a 95 % interval over draws of
+        alpha (see `LawRange`); NaN where it is not known. A row is named as in ``x.median``; of a
+        law that follows a factor there is one for each level, as in ``x.median[oil=a]``.
+        """
+        rows = {
+            f"{name}.{what}{at}": (one.estimate, *(one.interval or (np.nan, np.nan)))
+            for name, entry in self.ranges.items()
+            for at, law in [
+                ("", entry),
+                *((f"[{entry.factor}={level}]", own) for level, own in entry.by_level.items()),
+            ]
+            for what, one in law.quantities.items()
+        }
+        columns = ["estimate", "lower", "upper"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @property
     def covariance(self) -> pd.DataFrame:

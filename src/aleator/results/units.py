@@ -12,9 +12,12 @@ Document = Mapping[str, Any]
 Units = Mapping[str, str]
 """Units of outcomes, conditions and parameters by name; names without a unit are left out."""
 
-# What has the unit of its parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`, and of the parameter
-# of one experiment `k.mode`, `k.lower`, `k.upper`.
-_OF_LAW = re.compile(r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value|mode|lower|upper)(\[(?P<term>.*)\])?$")
+# What has the unit of its parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`, `k.median`, and of
+# the parameter of one experiment `k.mode`, `k.lower`, `k.upper`.
+_OF_LAW = re.compile(
+    r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value|median|mode|lower|upper|loc|scale)"
+    r"(\[(?P<term>.*)\])?$"
+)
 _NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?:process_)?sd$")
 
 

@@ -182,18 +182,33 @@ class PlausibleLaws(Plain):
 
 
 @dataclass(frozen=True)
+class LawQuantity(Plain):
+    """A quantity by which a law is usually told, such as the median of a lognormal law.
+
+    `estimate` is that of the law at the estimate of alpha. `interval` holds 95 % of the quantity
+    over draws of alpha; it is None where the uncertainty of a hyperparameter of the law is unknown.
+    """
+
+    estimate: float
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
 class LawEnds(Plain):
     """The two ends of the range that holds 95 % of a law, and how sure they are.
 
     `lower` and `upper` are the quantiles of 2.5 % and 97.5 % of the law at the estimate of alpha.
     `lower_interval` and `upper_interval` hold 95 % of these quantiles over draws of alpha (see
     `found.draws`); they are None where the uncertainty of a hyperparameter of the law is unknown.
+    `quantities` are those by which the law is usually told beside its hyperparameters, by name
+    (see `Law.customary`); a law without a free hyperparameter has none.
     """
 
     lower: float
     upper: float
     lower_interval: tuple[float, float] | None
     upper_interval: tuple[float, float] | None
+    quantities: Mapping[str, LawQuantity] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -201,9 +216,9 @@ class LawRange(LawEnds):
     """The range of a scattering parameter that holds 95 % of its identified law.
 
     `level` is the column whose groups share one value; it is None if each experiment has its own.
-    If a law `follows` covariates, the range holds 95 % of the mean of the experiments' laws. If it
-    follows a `factor` of two to four levels, `by_level` has the range of each level, where the
-    other covariates of the law have the values `at`.
+    If a law `follows` covariates, the range holds 95 % of the mean of the experiments' laws, which
+    has no `quantities`. If it follows a `factor` of two to four levels, `by_level` has the range of
+    each level, where the other covariates of the law have the values `at`.
     """
 
     level: str | None = None
@@ -211,6 +226,20 @@ class LawRange(LawEnds):
     factor: str | None = None
     at: Mapping[str, Any] = field(default_factory=dict)
     by_level: Mapping[str, LawEnds] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class InformationCriteria(Plain):
+    """AIC, AICc and BIC of the maximum with its number of `free` hyperparameters.
+
+    `aicc` is None where it is infinite: for no more than `free` + 1 experiments. The equations are
+    in docs/statistics/compare.md.
+    """
+
+    free: int
+    aic: float
+    aicc: float | None
+    bic: float
 
 
 @dataclass(frozen=True)

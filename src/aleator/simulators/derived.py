@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -338,3 +339,30 @@ def _passed(
 
 def _fingerprint(inner: Simulator, expressions: Mapping[str, str]) -> str:
     return hashlib.sha256(f"{inner.fingerprint()} {[*expressions.items()]}".encode()).hexdigest()
+
+
+def defaults_left(simulator: Simulator, given: Collection[str]) -> dict[str, float]:
+    """The arguments of a Python function that keep a number as their default, by name.
+
+    `given` are the names of conditions and parameters; derived parameters are given too. Any other
+    simulator has none.
+
+    >>> def model(load, stiffness, gap=0.5, unit="mm"):
+    ...     return load / stiffness + gap
+    >>> defaults_left(FunctionSimulator(model), {"load", "stiffness"})
+    {'gap': 0.5}
+    """
+    if isinstance(simulator, Derived | DerivedFunction):
+        return defaults_left(simulator.inner, {*given, *simulator.expressions})
+    function = getattr(simulator, "function", None)
+    try:
+        arguments = inspect.signature(function).parameters if callable(function) else {}
+    except (TypeError, ValueError):
+        return {}
+    return {
+        name: argument.default
+        for name, argument in arguments.items()
+        if name not in given
+        and isinstance(argument.default, int | float)
+        and not isinstance(argument.default, bool)
+    }

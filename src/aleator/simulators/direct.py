@@ -32,6 +32,12 @@ class DirectSettings:
     code, which may change the last four bits; a difference of two such values loses more."""
     remembered: int = 1000
     """The largest number of failed runs whose reasons are kept for messages."""
+    single: tuple[str, ...] = (
+        "only length-1 arrays", "only size-1 arrays", "only 0-dimensional arrays",
+        "cannot convert the series", "must be real number, not",
+    )  # fmt: skip
+    """Parts of the messages of Python, NumPy and pandas where a function that takes a single
+    number, such as math.exp, gets an array."""
 
 
 SETTINGS = DirectSettings()
@@ -71,6 +77,9 @@ def array_trial(
     (ArrayTrial(compared=2, fault=''), 1)
     >>> tried(lambda x: 2.0 if x > 1.5 else x).fault
     'it raised ValueError: The truth value of an array with more than one element is ambiguous...
+    >>> import math
+    >>> tried(lambda x: math.exp(x)).fault
+    'it raised TypeError: ... (math.exp and the like take single numbers)'
     """
     case, x = case[: settings.checked], x[: settings.checked]
     try:
@@ -79,7 +88,10 @@ def array_trial(
     except (KeyboardInterrupt, SurroundingsError):
         raise
     except BaseException as error:
-        return ArrayTrial(0, f"it raised {describe(error)}")
+        told = describe(error)
+        single = any(part in told for part in settings.single)
+        cause = " (math.exp and the like take single numbers)" if single else ""
+        return ArrayTrial(0, f"it raised {told}{cause}")
     if not np.isfinite(together).any():
         return ArrayTrial(0, "it returned no finite number")
     if 2 * (calls - fewer) > len(case) - 2:

@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Self
@@ -528,30 +528,6 @@ def _arguments(
         else:
             required.append(parameter.name)
     return tuple(required), tuple(optional), anything
-
-
-def defaults_left(simulator: Simulator, given: Collection[str]) -> dict[str, float]:
-    """The arguments of a Python function that keep a number as their default, by name.
-
-    `given` are the names of conditions and parameters. Any other simulator has none.
-
-    >>> def model(load, stiffness, gap=0.5, unit="mm"):
-    ...     return load / stiffness + gap
-    >>> defaults_left(FunctionSimulator(model), {"load", "stiffness"})
-    {'gap': 0.5}
-    """
-    function = getattr(simulator, "function", None)
-    try:
-        arguments = inspect.signature(function).parameters if callable(function) else {}
-    except (TypeError, ValueError):
-        return {}
-    return {
-        name: argument.default
-        for name, argument in arguments.items()
-        if name not in given
-        and isinstance(argument.default, int | float)
-        and not isinstance(argument.default, bool)
-    }
 
 
 def as_simulator(

@@ -38,9 +38,8 @@ from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
-from aleator.simulators.derived import Derivation, Derived, DerivedFunction, derived
+from aleator.simulators.derived import Derivation, Derived, defaults_left, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.simulators.function import defaults_left
 from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
@@ -261,10 +260,8 @@ class Study:
 
     def defaults_left(self) -> dict[str, float]:
         """The arguments of a Python function that keep a number as their default, by name."""
-        simulator, names = self.simulator, [*self.inputs.names]
-        if isinstance(simulator, Derived | DerivedFunction):
-            names, simulator = [*names, *simulator.expressions], simulator.inner
-        return defaults_left(simulator, {*names, *map(str, self.experiments.conditions.columns)})
+        names = (*self.inputs.names, *map(str, self.experiments.conditions.columns))
+        return defaults_left(self.simulator, names)
 
     def close(self) -> None:
         """End the processes of the simulator; a later run starts them again."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from string import ascii_uppercase
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,13 @@ from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Transform
 from aleator.results import printed
 from aleator.search.interface import OPTIMA
+from aleator.simulators.derived import defaults_left
+from aleator.tasks.arguments import require_kind
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
-from aleator.tasks.nesting import Embedding, embedded
+from aleator.tasks.nesting import Defaults, Embedding, embedded
+from aleator.tasks.session import Session
+from aleator.views.models import without_ratio
 
 
 @dataclass(frozen=True)
@@ -140,7 +145,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         return "\n\n".join([
-            self._known().to_string(), *self._without_ceiling(), self.nested().to_string()
+            self._known().to_string(), *self._without_ceiling(), self.nested().to_string(),
+            *map(str, without_ratio(self.to_dict())),
         ])  # fmt: skip
 
     def _known(self) -> pd.DataFrame:
@@ -265,7 +271,8 @@ def compare(
 
     Raises InputsError for fewer than two models, unknown names, and a pair whose larger model has
     no more free hyperparameters. Raises ExperimentsError if the data or their transforms differ,
-    and AleatorError for an identification that was read from a file. Cost: some ten evaluations of
+    and AleatorError for an identification that was read from a file without the parts that its
+    likelihood needs (see `Identification.with_fit`). Cost: some ten evaluations of
     each likelihood, a maximization for each influential experiment, and two or three maximizations
     for each drawn data set.
 
@@ -283,11 +290,21 @@ def compare(
     >>> found.nested()[["smaller", "larger", "df", "reference"]].to_dict("records")
     [{'smaller': 'alike', 'larger': 'scattered', 'df': 1, 'reference': '1/2 chi2(0) + 1/2 chi2(1)'}]
     """
-    models = {**_lettered(found, named), **named}
+    models, told = {**_lettered(found, named), **named}, progress or Silent()
     _check(models, nested, bootstrap)
+    models = {name: model.with_fit(told) for name, model in models.items()}
     fits = {name: model.fit for name, model in models.items()}
     verdicts = {name: (model.sound, model.consistent) for name, model in models.items()}
-    return compared(fits, verdicts, nested, bootstrap, ceilings, seed, progress or Silent())
+    defaults = {name: _defaults(model.session) for name, model in models.items()}
+    return compared(fits, verdicts, nested, bootstrap, ceilings, seed, told, defaults)
+
+
+def _defaults(session: Session) -> Defaults:
+    """The arguments of the simulator that keep a number as their default, by name."""
+    if session.runner is None or session.experiments is None:
+        return {}
+    runner = session.runner(session.experiments)
+    return defaults_left(runner.simulator, (*runner.parameters, *runner.used_conditions))
 
 
 def compared(
@@ -298,11 +315,15 @@ def compared(
     ceilings: bool,
     seed: int,
     progress: Progress,
+    defaults: Mapping[str, Defaults] = MappingProxyType({}),
     settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
-    """The comparison of fits; `verdicts` has (sound, consistent) for each name."""
+    """The comparison of fits; `verdicts` has (sound, consistent) for each name.
+
+    `defaults` has the arguments that each simulator leaves at a number, for models that have some.
+    """
     require_same_data(fits, settings=settings)
-    pairs, without = _pairs(fits, nested)
+    pairs, without = _pairs(fits, nested, defaults)
     fits, raised = _raised(fits, pairs)
     competitors, group = [], connected(np.array([fit.cluster for fit in fits.values()]))
     if group.size > 1 and not np.any(group):
@@ -321,7 +342,7 @@ def compared(
                 gap = gap_of(fit, seed)
             except InputsError as error:
                 reason = error.problem
-        own = criteria(fit)
+        own = Criteria.of(fit)
         start = raised.get(name, "")
         competitors.append(Competitor(name, *verdicts[name], own, left_out, gap, reason, start))
     ratios = []
@@ -331,23 +352,6 @@ def compared(
     competitors.sort(key=lambda model: -np.nan_to_num(model.left_out.total, nan=-np.inf))
     ids = names_of(group, next(iter(fits.values())).table.ids)
     return Comparison(ids, tuple(competitors), tuple(ratios), tuple(without))
-
-
-def criteria(fit: Fit) -> Criteria:
-    """The log-likelihood of a fit with the numbers of observations and free hyperparameters.
-
-    Free hyperparameters of scattering laws are counted apart from all others, since BIC relates
-    them to the number of experiments.
-    """
-    laws, identified = fit.inputs.laws, fit.inference.identified.tolist()
-    of_law = 0
-    for k in identified:
-        law = laws.get(fit.hyperparameters[k].name.partition(".")[0])
-        of_law += k < fit.inputs.size and (law is None or law.scatters)
-    return Criteria(
-        fit.scored().likelihood, of_law, len(identified) - of_law, fit.count,
-        len(fit.table.observations),
-    )  # fmt: skip
 
 
 def _lettered(
@@ -375,6 +379,7 @@ def _check(
     if bootstrap < 0:
         raise InputsError(f"compare: {bootstrap} data sets", "choose 0 or more; 200 tell a lot")
     for name, model in models.items():
+        require_kind(model, Identification, name, "identify(...), or load(...)")
         require_plain(name, restricted=model.log_likelihood.restricted is not None)
     for pair in nested:
         for name in pair:
@@ -386,7 +391,9 @@ def _check(
 
 
 def _pairs(
-    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]]
+    fits: Mapping[str, Fit],
+    nested: Sequence[tuple[str, str]],
+    defaults: Mapping[str, Defaults],
 ) -> tuple[dict[tuple[str, str], Embedding | None], list[tuple[str, str, str]]]:
     """The nested pairs (smaller, larger), with the embedding if one is known, else None.
 
@@ -396,7 +403,8 @@ def _pairs(
     without = []
     for pair in combinations(fits, 2):
         small, large = sorted(pair, key=lambda name: fits[name].inference.identified.size)
-        place = embedded(fits[small], fits[large])
+        left = (defaults.get(small, {}), defaults.get(large, {}))
+        place = embedded(fits[small], fits[large], left)
         if isinstance(place, Embedding):
             found[small, large] = place
         elif not {(small, large), (large, small)} & {*nested}:

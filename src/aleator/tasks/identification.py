@@ -153,8 +153,9 @@ class Identification(Result):
             self.alpha, self.correlation_names, self.correlation, self._hyperparameters
         )
         if not by_likelihood:
-            return plausible_draws(known, self.plausible, count, seed)
-        found = alpha_draws(known, count, seed, DRAWING.wide)
+            drawn = plausible_draws(known, self.plausible, count, seed)
+            return replace(drawn, names=(*self.alpha,))
+        found = replace(alpha_draws(known, count, seed, DRAWING.wide), names=(*self.alpha,))
         return found.reweighted(kept(self.session.fit).objective())
 
     def predict(

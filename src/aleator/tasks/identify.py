@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.core.progress import Progress, Silent
+from aleator.errors import short
 from aleator.fit.budget import spend
 from aleator.fit.flow import Answer, identified
 from aleator.fit.ledger import Ledger
@@ -20,6 +22,7 @@ from aleator.fit.stored_fit import keep_surfaces
 from aleator.inference.check import Check
 from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
+from aleator.inference.model_choice import Criteria
 from aleator.inference.outcome_question import OutcomeQuestion
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
@@ -112,9 +115,10 @@ def identify(
     result, which the report states in sentences. A question that cannot be answered, or was
     interrupted, says why, and the rest of the result is there.
 
-    Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
-    on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
-    of some hundred evaluations of the likelihood.
+    Raises AleatorError for input that cannot be used. Ctrl-C raises KeyboardInterrupt, whose note
+    says what became of the runs: a `Runner` with a `Store` keeps all that completed. Numerical
+    failures are statuses and warnings on the result. Cost: the runs of the surfaces and of the
+    check, and some milliseconds for each of some hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -141,20 +145,42 @@ def identify(
         small_sample=small_sample,
     )  # fmt: skip
     choices.require_enough()
-    answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
-    result = result_of(answer, table, verification, ledger)
-    found = Identification.of(replace(result, units=shown), _session(answer, table))
-    keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
-    taken = (*runner.used_conditions, *inputs.columns)
-    found = _judged(found, taken, consistency, best_law, ledger)
-    if questions:
-        found = with_answers(found, questions, runner, ledger)
+    with _telling_how_to_go_on(runner):
+        question = choices.question(runner, table.observations, seed)
+        answer = identified(question, verification, ledger)
+        result = result_of(answer, table, verification, ledger)
+        found = Identification.of(replace(result, units=shown), _session(answer, table))
+        if not restricted:
+            found = replace(found, criteria=Criteria.of(found.fit).reported())
+        keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
+        taken = (*runner.used_conditions, *inputs.columns)
+        found = _judged(found, taken, consistency, best_law, ledger)
+        if questions:
+            found = with_answers(found, questions, runner, ledger)
     return replace(
         found,
         runs=sum(ledger.runs.values()),
         runs_by_stage=dict(ledger.runs),
         seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
     )
+
+
+@contextmanager
+def _telling_how_to_go_on(runner: Runner) -> Iterator[None]:
+    """Add to the KeyboardInterrupt of Ctrl-C what became of the runs, below its traceback."""
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        if runner.cache is not None:
+            file = short(runner.cache.store.path)
+            stopped.add_note(f"Completed runs are in {file}: the same call goes on from there.")
+        elif runner.fresh:
+            stopped.add_note(
+                f"The {runner.fresh:,} runs are not kept. With Runner(simulator, experiments, "
+                "parameters, store=Store('runs.sqlite')) in place of the simulator, the same call "
+                "goes on from where it was stopped."
+            )
+        raise
 
 
 def _judged(

@@ -11,7 +11,7 @@ import numpy as np
 from aleator.core.types import Array
 from aleator.inference.fit import Fit
 from aleator.inference.information import side_of
-from aleator.laws import Hyperparameter, Law, Mixture
+from aleator.laws import Constant, Hyperparameter, Law, Mixture
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
 from aleator.laws.levels import connected
@@ -53,8 +53,26 @@ class Embedding:
         """The alpha (K,) of the larger model that equals the smaller model at its `alpha`."""
         return np.asarray(self.value + self.matrix @ alpha)
 
+    def without(self, last: Sequence[float], rows: int) -> Embedding:
+        """The embedding without the last hyperparameters of both models.
 
-def embedded(smaller: Fit, larger: Fit, settings: NestingSettings = NESTING) -> Embedding | str:
+        Those of the smaller model have the values `last`; the larger one has this number of `rows`.
+        """
+        kept, own = len(self.value) - rows, self.matrix.shape[1] - len(last)
+        value = self.value + self.matrix[:, own:] @ np.array(last)
+        return replace(self, matrix=self.matrix[:kept, :own], value=value[:kept])
+
+
+Defaults = Mapping[str, float]
+"""The arguments of a simulator that keep a number as their default, by name."""
+
+
+def embedded(
+    smaller: Fit,
+    larger: Fit,
+    defaults: tuple[Defaults, Defaults] = ({}, {}),
+    settings: NestingSettings = NESTING,
+) -> Embedding | str:
     """The embedding of a smaller model in a larger one; if none is known, the reason in words.
 
     The hyperparameters are matched by their names. The smaller model may have a number in place of
@@ -62,19 +80,34 @@ def embedded(smaller: Fit, larger: Fit, settings: NestingSettings = NESTING) -> 
     a formula whose columns are linear combinations of those of the larger model, however it is
     written. It may lack a parameter whose scale may be zero, such as the shift of a group. A
     parameter that has another name in the larger model is tried as each of those of its family
-    there. Laws must be of the same family. Every experiment must have the same log-likelihood in
+    there. A parameter that one model leaves at the default of its simulator is a constant of this
+    number: `defaults` has those of the smaller and of the larger model. Laws must be of the same
+    family. Every experiment must have the same log-likelihood in
     both models, or all together that share parameters, so that different simulators are not taken
     as nested. Cost: an evaluation of the likelihood, or one for each way to rename parameters.
     """
     if _free(larger) <= _free(smaller):
-        return "neither has more free hyperparameters than the other"
-    reason = "their parameters have laws of other families, or not the same parameters scatter"
-    for names in islice(_renamings(smaller.inputs.laws, larger.inputs.laws), settings.renamings):
-        found = _embedded(smaller, larger, names, settings)
+        return "they have equally many free hyperparameters"
+    reason = "laws of other families, or other parameters scatter"
+    own, others = smaller.inputs.laws, larger.inputs.laws
+    here, there = _left(defaults[0], own, others), _left(defaults[1], others, own)
+    for names in islice(_renamings({**own, **here}, {**others, **there}), settings.renamings):
+        found = _embedded(smaller, larger, names, (here, there), settings)
         if isinstance(found, Embedding):
             return found
         reason = found
     return reason
+
+
+def _left(
+    defaults: Defaults, laws: Mapping[str, Law], others: Mapping[str, Law]
+) -> dict[str, Constant]:
+    """The constants of a model that its simulator has as defaults and that another model names."""
+    return {
+        name: Constant(value)
+        for name, value in defaults.items()
+        if name in others and name not in laws
+    }
 
 
 def _renamings(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> Iterator[dict[str, str]]:
@@ -91,24 +124,39 @@ def _renamings(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> Iterato
 
 
 def _embedded(
-    smaller: Fit, larger: Fit, names: Mapping[str, str], settings: NestingSettings
+    smaller: Fit,
+    larger: Fit,
+    names: Mapping[str, str],
+    left: tuple[Mapping[str, Constant], Mapping[str, Constant]],
+    settings: NestingSettings,
 ) -> Embedding | str:
-    """The embedding where parameters of the smaller model have other `names` in the larger one."""
+    """The embedding where parameters of the smaller model have other `names` in the larger one.
+
+    `left` are the constants of the smaller and of the larger model that are defaults.
+    """
     spans = _spans(smaller.inputs, larger.inputs, names, settings)
     own = [replace(h, name=_renamed(h.name, names)) for h in smaller.hyperparameters]
-    found = matched(own, larger.hyperparameters, spans)
+    here, there = ([*map(_known, each.items())] for each in left)
+    found = matched([*own, *here], [*larger.hyperparameters, *there], spans)
     if isinstance(found, str):
         return found
+    found = found.without([h.start for h in here], len(there))
     alpha = found.of(smaller.alpha)
     lower, upper = limits_of(larger.hyperparameters)
     if np.any(beyond := (alpha < lower) | (alpha > upper)):
         h = larger.hyperparameters[int(np.argmax(beyond))]
         return f"the limits of {h.name} in the larger model leave the smaller one out"
     group = connected(np.array([smaller.cluster, larger.cluster]))
-    there, here = (fit.scored().summed(group)[0] for fit in (larger.at(alpha), smaller))
-    if not np.all(np.abs(there - here) <= settings.agree):
-        return "where their hyperparameters are equal, their likelihoods are not"
+    one, other = (fit.scored().summed(group)[0] for fit in (larger.at(alpha), smaller))
+    if not np.all(np.abs(one - other) <= settings.agree):
+        return "their likelihoods differ where their hyperparameters are equal"
     return found
+
+
+def _known(constant: tuple[str, Constant]) -> Hyperparameter:
+    """The hyperparameter of a constant that is given by its name and law."""
+    name, law = constant
+    return replace(law.hyperparameters[0], name=f"{name}.value")
 
 
 def _free(fit: Fit) -> int:
@@ -196,7 +244,7 @@ def matched(
     >>> found.of(np.array([0.3])).tolist(), found.df, found.on_boundary
     ([0.3, 1e-06], 1, 1)
     >>> matched(two, one)
-    'x.value is in the larger model only, and no value of it has no effect'
+    'x.value is in the larger model only and cannot vanish'
     """
     known, spans = {h.name: j for j, h in enumerate(smaller)}, spans or {}
     matrix, values = np.zeros((len(larger), len(smaller))), np.zeros(len(larger))
@@ -208,7 +256,7 @@ def matched(
         j = next((known[name] for name in _aliases(h.name) if name in known), -1)
         value = _absent(h, known) if j < 0 else smaller[j].start
         if value is None:
-            return f"{h.name} is in the larger model only, and no value of it has no effect"
+            return f"{h.name} is in the larger model only and cannot vanish"
         if not _reaches(h, None if j < 0 else smaller[j]):
             return f"{h.name} is fixed in the larger model"
         on_boundary += h.free and (j < 0 or not smaller[j].free) and side_of(value, h) is not None

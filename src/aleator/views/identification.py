@@ -21,6 +21,7 @@ from aleator.results.answer import (
     has_one_law,
     is_individual,
     log_likelihood,
+    quantities,
     verdicts,
     warnings,
     words,
@@ -172,6 +173,7 @@ def _gap(best: Document) -> str:
 
 def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     yield estimates(document)
+    yield quantities(document)
     if cut := [name for name, entry in document["alpha"].items() if entry.get("cut")]:
         yield Sentence(
             f"The {'intervals' if len(cut) > 1 else 'interval'} of {', '.join(cut)} would go on "
@@ -181,6 +183,11 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         )
     yield from factor_effects(document)
     yield log_likelihood(document)
+    if known := document.get("criteria"):
+        names = {"AIC": "aic", "AICc": "aicc", "BIC": "bic"}
+        each = ", ".join(f"{head} {to_three(known[key])}" for head, key in names.items())
+        free = count(known["free"], "free hyperparameter")
+        yield Sentence(f"{each} ({free}; smaller is better)", depth=WHOLE)
     yield from _correlations(document)
     if drawn is None:
         return

@@ -138,13 +138,7 @@ def _ratios(document: Document) -> list[Part]:
             number(p, 3) if p is not None and math.isfinite(p) else NONE,
             f"{ratio['bootstrap_p']:.4f}" if ratio["replicates"] else NONE, ratio["reference"],
         ))  # fmt: skip
-    reasons: dict[str, list[str]] = {}
-    for one in document.get("without_ratio") or ():
-        reasons.setdefault(one["reason"], []).append(listed(one["models"]))
-    without = [
-        Sentence(f"No likelihood ratio of {', nor of '.join(pairs)}: {why}.")
-        for why, pairs in reasons.items()
-    ]
+    without = without_ratio(document)
     if not rows:
         return [*without]
     return [
@@ -153,9 +147,36 @@ def _ratios(document: Document) -> list[Part]:
             "Ratio: 2 (log L of the larger - log L of the smaller). A small p speaks against the "
             "smaller."
         ),
+        *_unreferenced(document["nested"]),
         *_negative(document["nested"]),
         *without,
     ]
+
+
+def without_ratio(document: Document) -> list[Sentence]:
+    """Which pairs of models have no likelihood ratio, and why.
+
+    >>> pairs = [{"models": ["a", "b"], "reason": "r"}, {"models": ["a", "c"], "reason": "r"}]
+    >>> print(*without_ratio({"without_ratio": pairs}))
+    No ratio of a and b, a and c: r.
+    """
+    reasons: dict[str, list[str]] = {}
+    for one in document.get("without_ratio") or ():
+        reasons.setdefault(one["reason"], []).append(listed(one["models"]))
+    return [Sentence(f"No ratio of {', '.join(pairs)}: {why}.") for why, pairs in reasons.items()]
+
+
+def _unreferenced(ratios: Sequence[Document]) -> list[Sentence]:
+    """What gives a p value where no reference law is known and no data were drawn."""
+    without = [
+        f"{one['smaller']} < {one['larger']}"
+        for one in ratios
+        if not one["replicates"] and (one["p"] is None or not math.isfinite(one["p"]))
+    ]
+    if not without:
+        return []
+    drawn = "`aleator compare --bootstrap 200`, bootstrap=200 in Python"
+    return [Sentence(f"{listed(without)}: p comes from drawn data only ({drawn}).")]
 
 
 def _negative(ratios: Sequence[Document]) -> list[Sentence]:

@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import Any
 
 from aleator.observations.gross_errors import Slip
+from aleator.results.answer import without_arrays
 from aleator.results.printed import (
     AMOUNTS,
     NONE,
@@ -83,13 +84,7 @@ def first_look(document: Document) -> Content:
         )
         for row in document.get("gross_errors") or ()
     ]  # fmt: skip
-    if fault := document["array_fault"]:
-        text = (
-            f"the function was called once with arrays: {fault}. So it is called once for each "
-            "run, and an emulator takes its place; a formula in NumPy that takes arrays (np.where "
-            "for if, np.exp for math.exp) needs none."
-        )
-        parts.append(Sentence(text, "plain", "Arrays"))
+    parts += without_arrays(document)
     return Content(
         document.get("title") or "First look",
         [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
