@@ -7,9 +7,12 @@ import pandas as pd
 import pytest
 from individual_cases import ALPHA, decay, likelihood_of, table
 
-from aleator import Free, Inputs, Normal
-from aleator.fit.quadrature import _gaps, nearest_maximum, with_enough_nodes
+from aleator import Free, Inputs, Noise, Normal
+from aleator.fit.quadrature import _gaps, highest_maximum, nearest_maximum, with_enough_nodes
+from aleator.inference.diagnostics import once_warnings
 from aleator.likelihood.individual.panels import Panels
+from aleator.search import Ascent, Optimum, SearchResult
+from aleator.search.interface import hills_of
 
 
 def test_it_settles_where_no_step_and_no_node_gains() -> None:
@@ -35,3 +38,31 @@ def test_the_gap_of_many_experiments_is_that_of_all_though_panels_see_a_sample()
     assert _gaps(held, alpha)[-1] == pytest.approx(whole, rel=1e-3)
     sizes = [len(block) for block in held.sampled(300).blocks]
     assert sizes == [30] * 10
+
+
+def test_a_maximum_that_finer_nodes_put_first_keeps_the_starts_that_led_to_it() -> None:
+    """a and about -a give the same outcome: two maxima, of which a search with few nodes took the
+    lower one for the best. One start or two had ended at the higher one."""
+    y = (1.0 + 0.3 * np.random.default_rng(6).standard_normal(40)) ** 2
+    frame = pd.DataFrame({"id": range(40), "time": 0.0, "y": y})
+    law = Inputs({"a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
+
+    def model(time, x):
+        return x[0] ** 2 + 0.15 * x[0] ** 3 + 0.0 * time
+
+    likelihood = likelihood_of(model, frame, law, noise=Noise(0.05))
+    places = {side: np.array([side, 0.3, 0.05]) for side in (-1.1, 0.9)}
+    ends = {side: with_enough_nodes(likelihood, alpha) for side, alpha in places.items()}
+    low, high = sorted(ends, key=lambda side: ends[side].value)
+    assert ends[high].value > ends[low].value + 0.05
+    for few in (1, 2):
+        coarse = [(ends[low].alpha, 3.0, 3), (ends[high].alpha, 2.0, few)]
+        ascents = [Ascent(a, a, v, 9, True) for a, v, count in coarse for _ in range(count)]
+        optima = tuple(Optimum(*one) for one in coarse)
+        search = SearchResult(optima[0].alpha, 3.0, tuple(ascents), optima)
+        top = highest_maximum(ends[low], search)
+        scores = top.maximum.likelihood(top.maximum.alpha).scores
+        met = hills_of(top.search_result, scores, np.arange(2))
+        assert top.maximum.value == pytest.approx(ends[high].value, abs=1e-3)
+        assert [hill.starts for hill in met] == [few, 3]
+        assert bool(once_warnings(top.search_result, met)) is (few == 1)

@@ -16,10 +16,11 @@ from scipy import optimize, stats
 from aleator import By, Free, Gaussian, MaximumEntropy, Normal
 from aleator.core.types import Array
 from aleator.errors import InputsError
+from aleator.inference.diagnostics import once_warnings
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.search import GradientMultistart, ascend
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, hills_of
 from aleator.search.multistart import Reached, starting_points
 from aleator.search.newton import ASCENT, ascended, on_limits, outer, positive
 from aleator.search.objective import Coordinates
@@ -203,7 +204,7 @@ def test_an_improvement_goes_in_front() -> None:
     found = GradientMultistart(1).maximize(SAMPLE.likelihood(y), SAMPLE.hyperparameters, seed=0)
     alpha = np.array([0.1, 0.2])
     at = SAMPLE.likelihood(y)(alpha)
-    better = found.improved(alpha, at, np.arange(2))
+    better = found.improved(alpha, at.total)
     assert better.log_likelihood == at.total
     assert better.optima[0].log_likelihood == better.log_likelihood
     assert better.optima[1:] == found.optima
@@ -215,7 +216,11 @@ def test_an_improvement_beside_the_ends_of_starts_is_met_by_them_and_one_far_awa
     found = GradientMultistart(4).maximize(likelihood, problem.hyperparameters, seed=0)
     for away, once in ((1e-3, False), (2.0, True)):
         alpha = found.alpha + np.array([away, 0.0])
-        assert found.improved(alpha, likelihood(alpha), np.arange(2)).once is once
+        at = likelihood(alpha)
+        better = found.improved(alpha, max(at.total, found.log_likelihood + 1.0))
+        met = hills_of(better, at.scores, np.arange(2))
+        assert bool(once_warnings(better, met)) is once
+        assert (met[0].starts < 2) is once
 
 
 def test_an_optimum_that_moves_takes_the_starts_that_led_to_it_along() -> None:

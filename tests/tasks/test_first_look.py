@@ -210,3 +210,19 @@ def test_an_identification_takes_no_more_runs_than_were_expected() -> None:
     cost = expected_cost(runner, experiments, inputs, None, ResponseSurface(), None, Check(), plan)
     found = identify(slow, table, inputs, outcome="travel", consistency=False, best_law=False)
     assert cost.least <= found.runs <= cost.most
+
+
+def test_the_simulator_itself_is_run_as_often_as_was_expected() -> None:
+    rng = np.random.default_rng(0)
+    travel = FORCE / rng.normal(2.0, 0.1, FORCE.size) + 0.02 * rng.standard_normal(FORCE.size)
+    table = pd.DataFrame({"force": FORCE, "travel": travel})
+    inputs, noise = Inputs({"stiffness": TruncatedNormal(box=(1.0, 3.0))}), Noise(0.02)
+    experiments = Experiments.from_frame(table, outcome="travel")
+    runner = Runner(FunctionSimulator(spring, vectorized=True), experiments, inputs.names)
+    plan = planned_look(runner, experiments, inputs)
+    cost = expected_cost(runner, experiments, inputs, noise, ResponseSurface(), None, Check(), plan)
+    found = identify(
+        spring, table, inputs, outcome="travel", noise=noise, vectorized=True, best_law=False
+    )
+    assert cost.direct
+    assert cost.least <= found.runs <= cost.most

@@ -446,8 +446,8 @@ class Emulation:
         # With few nodes of several modes, the climb from a maximum may end at a lower one.
         moved = not np.allclose(best.alpha, end.alpha)
         if moved and best.value > here.value + OPTIMA.same_value:
-            return found, best, True
-        return replace(again, once=found.once), here, False
+            return replace(found, once=True), best, True
+        return replace(again, once=found.once and again.once), here, False
 
     def _finished(self, found: SearchResult, end: Maximum) -> Highest:
         """The maximum with as many quadrature nodes as it needs, on the present surfaces."""

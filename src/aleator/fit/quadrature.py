@@ -29,7 +29,7 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.individual.rules import RULES
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
-from aleator.search.interface import OPTIMA, one_hill
+from aleator.search.interface import OPTIMA
 from aleator.search.newton import ASCENT, ascended, outer, positive
 
 
@@ -499,12 +499,13 @@ class Highest:
 
     @classmethod
     def of(
-        cls, end: Maximum, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
+        cls, end: Maximum, found: SearchResult, starts: int, looked: Sequence[Optimum]
     ) -> Highest:
-        """The highest maximum `end`, with the optima `looked` evaluated anew, and the `rest`."""
+        """The highest maximum `end` of so many starts, with the optima `looked` evaluated anew."""
         lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
         lower.sort(key=lambda optimum: -optimum.log_likelihood)
-        optima = (Optimum(end.alpha, end.value, found.optima[0].starts), *lower, *rest)
+        rest = found.optima[1 + NODE_ACCURACY.others :]
+        optima = (Optimum(end.alpha, end.value, starts), *lower, *rest)
         moved = replace(found, alpha=end.alpha, log_likelihood=end.value, optima=optima)
         return cls(end, moved, tuple(o.alpha for o in lower if _possible(o, end)))
 
@@ -512,7 +513,7 @@ class Highest:
 def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
     """The maximum unchanged, and the next optima of the search evaluated with its nodes."""
     looked = _looked_at(end.likelihood.continued, found)
-    return Highest.of(end, found, looked, found.optima[1 + NODE_ACCURACY.others :])
+    return Highest.of(end, found, found.optima[0].starts, looked)
 
 
 def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
@@ -522,28 +523,30 @@ def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
     best of the search may be the highest, so that the likelihood is maximized from each again. An
     optimum far below `end` by the accurate nodes is left out.
     """
-    looked, climbs, ascents = [], list[Optimum](), found.ascents
+    first = Optimum(end.alpha, end.value, found.optima[0].starts)
+    looked, climbs, ends = list[Optimum](), list[Optimum](), [first]
     objective = end.likelihood.continued
     for optimum in _looked_at(objective, found):
-        if not _possible(optimum, end):
+        if _possible(optimum, end):
+            near = objective.nearest(optimum.alpha) if isinstance(objective, Following) else None
+            climbs.append(_climbed(near or end.likelihood, optimum))
+            ends.append(climbs[-1])
+        else:
             looked.append(optimum)
-            continue
-        near = objective.nearest(optimum.alpha) if isinstance(objective, Following) else None
-        climbs.append(_climbed(near or end.likelihood, optimum))
-        ascents = tuple(_moved(ascent, optimum, climbs[-1]) for ascent in ascents)
+            ends.append(optimum)
+    found, starts = _followed(found, ends), first.starts
     best = max(climbs, key=lambda one: one.log_likelihood, default=None)
     if best is not None and best.log_likelihood > end.value + NODE_ACCURACY.higher:
-        climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
-        end = max(with_enough_nodes(end.likelihood, best.alpha), end, key=lambda one: one.value)
-        found = replace(found, once=_reached(end, ascents) < 2)
+        finer = with_enough_nodes(end.likelihood, best.alpha)
+        if finer.value > end.value:
+            climbs.append(first)
+            end, starts, found = finer, best.starts, replace(found, once=len(found.ascents) > 1)
     known = [end.alpha]
     for climb in sorted(climbs, key=lambda one: -one.log_likelihood):
         if not any(_same(climb.alpha, alpha, end) for alpha in known):
             known.append(climb.alpha)
             looked.append(climb)
-    return Highest.of(
-        end, replace(found, ascents=ascents), looked, found.optima[1 + NODE_ACCURACY.others :]
-    )
+    return Highest.of(end, found, starts, looked)
 
 
 def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
@@ -563,19 +566,16 @@ def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
     return replace(optimum, alpha=alpha, log_likelihood=held.evaluate(alpha).total)
 
 
-def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
-    """An ascent of the search; if it ended at the optimum, its end is moved to that of `climb`."""
-    if not np.array_equal(ascent.alpha, optimum.alpha):
+def _followed(found: SearchResult, ends: Sequence[Optimum]) -> SearchResult:
+    """The search whose first optima moved to `ends` with more nodes, and with them the ascents."""
+
+    def moved(ascent: Ascent) -> Ascent:
+        for optimum, end in zip(found.optima, ends, strict=False):
+            if np.array_equal(ascent.alpha, optimum.alpha):
+                return replace(ascent, alpha=end.alpha, log_likelihood=end.log_likelihood)
         return ascent
-    return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
 
-
-def _reached(end: Maximum, ascents: Sequence[Ascent]) -> int:
-    """The number of ascents that ended about a standard error or less from the maximum `end`."""
-    scores = end.likelihood(end.alpha).scores
-    assert scores is not None
-    free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])
-    return sum(one_hill(a.alpha - end.alpha, scores, free) for a in ascents)
+    return replace(found, ascents=tuple(moved(ascent) for ascent in found.ascents))
 
 
 def _same(alpha: Array, other: Array, end: Maximum) -> bool:

@@ -390,16 +390,21 @@ def _of_exact_outcomes(what: str, key: str) -> InputsError:
 class WaySettings:
     """Settings for counting runs without response surfaces, and for finding failing runs."""
 
-    evaluations: int = 400
-    """The approximate number of evaluations of the likelihood in an identification."""
+    evaluations: tuple[int, int] = (500, 100_000)
+    """The least and largest number of evaluations of the likelihood in an identification with
+    noise, if each had `nodes`: 684 for five springs (`pytest tests/tasks/test_first_look.py`),
+    1,160 in two of `benchmarks.random_studies` without the tests of consistency, 2,500 to 81,400
+    with them in four studies of a valve. Most are made by these tests,
+    by the best of all laws, and where two maxima or undetermined laws need fine nodes."""
     nodes: int = 9
-    """The approximate final number of quadrature nodes for each of up to three parameters."""
+    """The number of quadrature nodes for each of up to three parameters in this count."""
     line: int = 33
     """Points on each line through the region on which isolated failing runs are searched for."""
     tried: int = 128
     """Points of the region at which all runs must fail before an observation is left out."""
-    grids: tuple[int, int] = (100, 5000)
-    """The least and largest number of grids for level sets in the studies of `make judges`."""
+    grids: tuple[int, int] = (25, 5000)
+    """The least and largest number of grids for level sets: 27 to 94 in five of
+    `benchmarks.random_studies`, up to 5,000 in the studies of `make judges`."""
 
 
 WAYS = WaySettings()
@@ -478,10 +483,11 @@ def grids_each(inputs: Inputs, conditions: int, outcomes: int = 1) -> tuple[int,
     return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 
-def runs_each(inputs: Inputs) -> int:
-    """The approximate number of runs of each simulated unit without response surfaces."""
+def runs_each(inputs: Inputs) -> tuple[int, int]:
+    """The least and largest number of runs of each simulated unit without response surfaces."""
     moving = int(moving_parameters(inputs.box).size)
-    return int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1) * WAYS.evaluations
+    once = int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1)
+    return WAYS.evaluations[0] * once, WAYS.evaluations[1] * once
 
 
 def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:

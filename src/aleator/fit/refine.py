@@ -294,7 +294,7 @@ class Refinement:
             moved = self._on(answer)
         found = searched(self.question, moved.maximum.likelihood, [answer.alpha], self.ledger)
         start = with_enough_nodes(moved.maximum.likelihood, found.alpha, NODE_ACCURACY.rough)
-        found = replace(found, once=answer.search_result.once)
+        found = replace(found, once=answer.search_result.once and found.once)
         return self._finished(replace(moved, maximum=start, search_result=found))
 
     def _first(self, region: Array, reason: str) -> Refined:
@@ -359,11 +359,11 @@ class Refinement:
             answer = self._refined(answer)
             before, likelihood = answer.maximum, self._likelihood(answer)
             found = searched(answer.question, likelihood, [before.alpha], self.ledger)
-            found = replace(found, once=answer.search_result.once)
             with self.ledger.stage(SEARCH):
                 again = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
             if again.value < before.value + OPTIMA.same_value:
-                return replace(answer, search_result=found)
+                once = answer.search_result.once and found.once
+                return replace(answer, search_result=replace(found, once=once))
             answer = replace(answer, maximum=again, search_result=found)
 
     def _finished(self, answer: Refined) -> Refined:

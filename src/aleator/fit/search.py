@@ -51,7 +51,7 @@ class GuessSettings:
     maxima, whose log-likelihoods differ by 0.08."""
     same: float = 1e-2
     """The relative difference within which two optima are equal, up to the order of components."""
-    format: int = 2
+    format: int = 3
     """The version of stored searches; it must be raised when the search or its file changes."""
     probes: int = 3
     """The number of alphas at which log-densities are compared to recognize the same likelihood."""

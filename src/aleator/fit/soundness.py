@@ -230,7 +230,7 @@ class Reviewed:
                 len(ids), inference, adjusted=profile.unadjusted is not None
             ),
             *diagnostics.group_warnings(likelihood.inputs, hyperparameters, inference),
-            *diagnostics.once_warnings(inferred.search_result),
+            *diagnostics.once_warnings(inferred.search_result, self.hills),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
             *unadjusted_warnings(hyperparameters, profile),
             *identifiability_warnings(inference, hyperparameters, profile),

@@ -191,7 +191,7 @@ def inferred(
             break
         others = (alpha, *others)
         end = with_enough_nodes(likelihood, profile.better)
-        found = found.improved(end.alpha, end.likelihood(end.alpha), inference.identified)
+        found = found.improved(end.alpha, end.likelihood(end.alpha).total)
     return end, found, inference, profile
 
 

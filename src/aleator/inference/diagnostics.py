@@ -28,7 +28,7 @@ from aleator.laws.inputs import Inputs
 from aleator.observations.responses import Observations
 from aleator.results.values import Diagnostic, FailureReport, PlausibleLaws
 from aleator.search import SearchResult, wide_limits
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import OPTIMA, Hill, LogLikelihood
 from aleator.simulators import NoOutcome, Runner, working_box
 
 # ---------------------------------------------------------------------------------- estimates
@@ -145,9 +145,14 @@ def search_refusals(
     return [Diagnostic("search", message, remedy + also)]
 
 
-def once_warnings(found: SearchResult) -> list[Diagnostic]:
-    """A warning where only one start of the search reached the best maximum."""
-    if not found.once:
+def once_warnings(found: SearchResult, hills: Sequence[Hill]) -> list[Diagnostic]:
+    """A warning where only one start of the search reached the best maximum, or one as high.
+
+    The starts are those that the report tells for each of the maxima `hills` (see `hills_of`).
+    """
+    best = hills[0].log_likelihood
+    again = sum(one.starts for one in hills if best - one.log_likelihood < OPTIMA.same_value)
+    if not found.once or again > 1:
         return []
     return [
         Diagnostic(

@@ -249,18 +249,18 @@ class Result(Plain):
 
     @property
     def residuals(self) -> pd.DataFrame:
-        """A data frame with a row for each observation: its place, bounds and prediction.
+        """A data frame with a row for each observation: its place, bounds and fitted value.
 
         ``id`` is the experiment, ``row`` the row of the table, counted from 1, and ``response`` the
         name of the outcome. ``lower`` and ``upper`` are the measured value, or its known bounds,
-        and ``predicted`` is the mean of the simulated value given the observations of the
-        experiment: in the unit of the outcome, or as logarithms with a "log" transform. ``scale``
-        is the standard deviation of the measurement error, in the same unit (of errors that are not
-        normal, their scale). ``residual`` is measured minus predicted, divided by ``scale``: it has
-        no unit. ``pit`` is the probability of a smaller value, given the earlier observations of
-        the experiment; under a right model it is uniform on [0, 1]. Then follow the conditions that
-        vary within experiments. See `ObservationReport` for bounds, and for correlated errors
-        docs/study.md. Empty if each experiment has one outcome.
+        and ``predicted`` is the fitted value, the mean of the simulated value given the
+        observations of the experiment: in the unit of the outcome, or as logarithms with a "log"
+        transform. ``scale`` is the standard deviation of the measurement error, in the same unit
+        (of errors that are not normal, their scale). ``residual`` is measured minus predicted,
+        divided by ``scale``: it has no unit. ``pit`` is the probability of a smaller value, given
+        the earlier observations of the experiment; under a right model it is uniform on [0, 1].
+        Then follow the conditions that vary within experiments. See `ObservationReport` for bounds,
+        and for correlated errors docs/study.md. Empty if each experiment has one outcome.
         """
         rows = [{**vars(o), **o.conditions} for o in self.observations]
         return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")

@@ -375,17 +375,18 @@ def _log_density(value: float, status: str) -> float:
 
 @dataclass(frozen=True)
 class ObservationReport(Plain):
-    """One measured value, and its prediction under the individual law of its experiment.
+    """One measured value, and its fitted value: the mean under its experiment's individual law.
 
     Values are on the scale of the likelihood (after a transform). `lower` and `upper` are equal for
     an exact measurement; otherwise the value is censored, and they are its known bounds. `row`
     counts the rows of the table from 1. `conditions` are those that vary within experiments.
     `scale` is the scale of the measurement error: its standard deviation, where the error is
-    normal. `residual` is the measured minus the predicted value, divided by `scale`; for a censored
-    value it is the distance to the nearer bound, zero between the bounds. `pit` is the predicted
-    probability of a smaller value, given the earlier observations of the same experiment. If the
-    model is right these probabilities are independent and uniform on [0, 1]. For a censored value
-    `pit` is drawn at random between the probabilities of its bounds.
+    normal. `predicted` is the fitted value (without noise the mean under the law). `residual` is
+    the measured minus this value, divided by `scale`; for a censored value it is the distance to
+    the nearer bound, zero between the bounds. `pit` is the predicted probability of a smaller
+    value, given the earlier observations of the same experiment. If the model is right these
+    probabilities are independent and uniform on [0, 1]. For a censored value `pit` is drawn at
+    random between the probabilities of its bounds.
     """
 
     id: str

@@ -238,8 +238,9 @@ class Hill:
 class SearchResult:
     """The best alpha (K,), the ascents from all starts, and the distinct optima, best first.
 
-    `method` is the name of the search. `once` says that there were several starts, and that at most
-    one of them reached the best log-likelihood.
+    `method` is the name of the search. `once` says that there were several starts, and that neither
+    in this search nor in the one whose maximum it began from two of them are known to have reached
+    this maximum.
     """
 
     alpha: Array
@@ -273,18 +274,12 @@ class SearchResult:
             a.converged and best - a.log_likelihood < OPTIMA.same_value for a in self.ascents
         )
 
-    def improved(self, alpha: Array, at: LogLikelihood, free: Indices) -> SearchResult:
-        """This result with a better optimum at `alpha` (K,), found after the search had ended.
-
-        `at` is the log-likelihood there with its scores; `free` (F,) are the places of the free
-        hyperparameters.
-        """
-        assert at.scores is not None
-        optimum = Optimum(alpha, at.total, starts=0)
-        near = sum(one_hill(a.alpha - alpha, at.scores, free) for a in self.ascents)
+    def improved(self, alpha: Array, log_likelihood: float) -> SearchResult:
+        """This result with a better optimum at `alpha` (K,), found after the search had ended."""
+        optimum = Optimum(alpha, log_likelihood, starts=0)
         return replace(
-            self, alpha=alpha, log_likelihood=at.total, optima=(optimum, *self.optima),
-            once=len(self.ascents) > 1 and near < 2,
+            self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima),
+            once=len(self.ascents) > 1,
         )  # fmt: skip
 
     def raised(self, by: float) -> SearchResult:

@@ -431,8 +431,7 @@ class WarmStart:
     """Ascents from a known optimum `alpha` (K,), the start values and a guess, three in all.
 
     It is used for a costly likelihood, after a search of a cheaper one that is almost the same.
-    It finds only optima near those starts. `once` says whether only one ascent of the earlier
-    search reached `alpha`, and is passed on to the result.
+    It finds only optima near those starts.
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name
@@ -440,7 +439,6 @@ class WarmStart:
     """
 
     alpha: Array
-    once: bool = False
 
     @property
     def name(self) -> str:
@@ -461,7 +459,7 @@ class WarmStart:
         found = self._multistart.maximize(
             objective, hyperparameters, seed=seed, guesses=known, progress=progress
         )
-        return replace(found, once=self.once, method=self.name)
+        return replace(found, method=self.name)
 
     @property
     def _multistart(self) -> GradientMultistart:

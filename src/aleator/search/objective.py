@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -166,10 +166,14 @@ class CountedObjective:
 
     @property
     def standing(self) -> str:
-        """The best log-likelihood so far, in words for the report of progress."""
+        """The best log-likelihood so far, in words for the report of progress.
+
+        A search computes it with few nodes, and on surfaces that are not final: it is called rough,
+        because that of the answer, which is computed accurately, may be lower.
+        """
         if self.best is None:
             return "no finite log-likelihood yet"
-        return f"best log-likelihood {self.best[1]:.3f}"
+        return f"best rough log-likelihood {self.best[1]:.2f}"
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) with its score."""
@@ -239,27 +243,30 @@ def gathered(
     """The result of a search: the ends of all ascents, gathered into distinct optima, best first.
 
     Two ends are distinct optima if their log-likelihoods differ, or if they lie apart in standard
-    errors (see `OptimaSettings`). Cost: one evaluation for each optimum. Raises InputsError where
-    no ascent found a finite log-likelihood.
+    errors (see `OptimaSettings`). Ends that are one optimum are told as one: the highest of them.
+    Cost: one evaluation for each optimum. Raises InputsError where no ascent found a finite
+    log-likelihood.
     """
-    arrived = sorted(
-        (a for a in ascents if np.isfinite(a.log_likelihood)), key=lambda a: -a.log_likelihood
-    )
+    ends = list(ascents)
+    arrived = [k for k, a in enumerate(ends) if np.isfinite(a.log_likelihood)]
+    arrived.sort(key=lambda k: -ends[k].log_likelihood)
     if not arrived:
         raise nowhere_finite(hyperparameters, objective.evaluations)
     groups: list[tuple[Ascent, Array, int]] = []
-    for ascent in arrived:
+    for k in arrived:
+        ascent = ends[k]
         for g, (head, information, count) in enumerate(groups):
             step = ascent.alpha - head.alpha
             near = float(step @ information @ step) < settings.same_place**2
             if head.log_likelihood - ascent.log_likelihood < settings.same_value and near:
                 groups[g] = (head, information, count + 1)
+                ends[k] = replace(ascent, alpha=head.alpha, log_likelihood=head.log_likelihood)
                 break
         else:
             groups.append((ascent, _information(ascent, objective), 1))
     optima = tuple(Optimum(a.alpha, a.log_likelihood, count) for a, _, count in groups)
     best = optima[0]
-    return SearchResult(best.alpha, best.log_likelihood, tuple(ascents), optima, objective.method)
+    return SearchResult(best.alpha, best.log_likelihood, tuple(ends), optima, objective.method)
 
 
 def reached_once(

@@ -63,6 +63,11 @@ def notes(proposal: Proposal) -> list[str]:
     said.append(f"identified: the laws of {', '.join(laws) or 'nothing yet'}")
     if known:
         said.append(f"held constant: {', '.join(known)}")
+    if bare := [name for name in (*proposal.outcomes, *laws) if name not in proposal.units]:
+        said.append(
+            f"no unit is stated of {', '.join(bare)}: reports show none until the study has one "
+            "(units in [experiments], unit in [parameters.NAME])"
+        )
     exact = [f"{each.name} = {each.nominal:g}" for each in proposal.untouched
              if each.nominal is not None]  # fmt: skip
     if exact and proposal.offer.kind != "fmu":

@@ -659,8 +659,8 @@ def expected_cost(
     if alone and not inputs.regressed:
         at = start_point(inputs).clip(*inputs.box.T)
     if alone and way_of(runner, propagation, at, plan.region).direct:
-        each = runs_each(inputs)
-        return Cost(each * runner.units, each * runner.units, True)
+        low, high = runs_each(inputs)
+        return Cost(low * runner.units, high * runner.units, True)
     if not alone and way_of_outcomes(runner, Model.of(inputs, propagation, density)).direct:
         low, high = grids_each(inputs, len(runner.cases), table.exact_each or 1)
         return Cost(low * len(runner.cases), high * len(runner.cases), True)

@@ -359,22 +359,31 @@ def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
 
 
 def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """A table of the observations with the largest residuals, in units of the error's scale."""
+    """A table of the observations with the largest residuals, in units of the error's scale.
+
+    The value beside each is fitted, with the parameters of its experiment; without noise it is the
+    prediction by the law.
+    """
     seen = [entry for entry in document["observations"] if entry["residual"] is not None]
     worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[: amounts.worst]
     responses = transforms(document)
     logs = [name for name, transform in responses.items() if transform == "log"]
     unit = unit_of(document, next(iter(responses))) if len(responses) == 1 and not logs else None
+    value, title = (
+        ("fitted", "Farthest from their fitted values")
+        if document.get("quadrature")
+        else ("predicted", "Farthest from their predictions")
+    )
     columns: Sequence[Column] = (
-        ("farthest from its prediction", "left"), (with_unit("measured", unit), "right"),
-        ("predicted", "right"), ("error scale", "right"), ("off by", "right"),
+        ("observation", "left"), (with_unit("measured", unit), "right"),
+        (value, "right"), ("error scale", "right"), ("off by", "right"),
     )  # fmt: skip
     rows = [
         (place(entry, len(responses) > 1), bounds(entry), number(entry["predicted"]),
          number(entry["scale"], 3), f"{entry['residual']:+.2f}")
         for entry in worst
     ]  # fmt: skip
-    yield TextTable(columns, rows, "worst", "Farthest from their predictions", WHOLE)
+    yield TextTable(columns, rows, "worst", title, WHOLE)
     if logs:
         yield Sentence(f"Of {', '.join(logs)} the logarithms.", depth=WHOLE)
 

@@ -217,9 +217,10 @@ def surface_chart(document: Document) -> Chart | None:
     cross = Series("cross", {"x": [float(x[best])], "y": [float(y[best])]})
     return Chart(
         "surface", f"Likelihood over {first} and {second}",
-        "The two estimates that are told apart worst: their correlation is "
-        f"{round(surface['correlation'], 2) + 0.0:.2f}. Curves hold 50, 80 and 95 % (thick) of "
-        "both together; the cross is the largest value.",
+        "Pairs of values that the experiments allow: inside the curves with 50, 80 and 95 % "
+        "confidence (the last one thick); the cross is the estimate. Of all pairs of estimates "
+        f"these are the most correlated ({round(surface['correlation'], 2) + 0.0:.2f}): near 1 or "
+        "-1 a change of one is made up by a change of the other.",
         Axis(label(document, first)), Axis(label(document, second)),
         [
             Mark("contour", source, grid=(finer(x), finer(y), finer(below)), levels=LEVELS),

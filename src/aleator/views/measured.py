@@ -279,7 +279,7 @@ def _finished(
     order = np.argsort(np.nan_to_num(middle, nan=np.inf), kind="stable")
     rank[order] = np.arange(1, len(middle) + 1)
     columns["order"] = rank.tolist()
-    what = "predicted median" if "q0.5" in columns else "predicted value"
+    what = "predicted median" if "q0.5" in columns else "fitted value"
     found = [AxisChoice("order", f"measured values, lowest {what} first")]
     if "q0.5" in columns:
         found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))

@@ -62,7 +62,7 @@ def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, s
     if seen.by_law:
         lines += [("predicted median", "{q0.5}"), ("95 %", "{q0.025} .. {q0.975}")]
     if "own" in seen.columns:
-        lines.append(("individual prediction", "{own}"))
+        lines.append(("fitted", "{own}"))
     lines.append(("P(below)", "{pit}"))
     conditions = [one for one in seen.choices if one.name][: amounts.hovered]
     return lines + [(one.title, f"{{{one.key}_shown}}") for one in conditions]
@@ -195,25 +195,26 @@ def series_charts(
 def single_series_chart(
     seen: MeasuredValues, choice: AxisChoice, number: int, lines: Mapping[str, Any], one: str
 ) -> Chart:
-    """The observations of the experiment `one`, with two predictions of them.
+    """The observations of the experiment `one`, with predicted and fitted values.
 
-    One is by the law, the other by the experiment's own parameters. `lines` has the data of each
-    experiment that a reader can mark.
+    Predictions are by the law, fitted values by the parameters of the experiment itself. `lines`
+    has the data of each experiment that a reader can mark.
     """
     line = lines[one]
     source = Series(f"marked-{number}", {"id": [one] * len(line["x"]), **line}, lines)
     by_law = [Mark("band", source, y="q0.025", high="q0.975", color=chart.BAND, legend="law, 95 %")]
-    columns = {"id": "id", "x": choice.title, "value": seen.response, "own": "own prediction"}
+    columns = {"id": "id", "x": choice.title, "value": seen.response, "own": "fitted"}
     return Chart(
         source.name, "The marked experiment",
         "Gray: where the law expects measurements of an experiment of which nothing is known. "
-        "Blue: the prediction with its own parameters, and the range of measurement errors.",
+        "Blue: the fitted values, with the parameters of the experiment itself, and the range of "
+        "measurement errors.",
         Axis(choice.title), Axis(seen.label, seen.log),
         [
             *(by_law if "q0.025" in line else ()),
             Mark("band", source, y="own_low", high="own_high", color=chart.WIDE,
                  alpha=CHARTS.faint, legend="errors, 95 %"),
-            Mark("line", source, y="own", width=2.0, legend="its own"),
+            Mark("line", source, y="own", width=2.0, legend="fitted"),
             Mark("points", source, y="value", color=chart.INK, marker="shape",
                  hover=hover(seen)[:4], pick=True),
         ],

@@ -5,6 +5,7 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const byId = (id) => document.getElementById(id);
   const PAPER = 700;  // px between the margins of A4
+  const LOW = 300;  // px of a chart at most there: two rows of them and their text share a page
   let models = [];
   let views = new Map();
   let marking = false;
@@ -180,10 +181,10 @@
     const { model } = views.get(name);
     const row = byId(`figure-${name}`).closest(".row");
     const share = row === null ? 1 : row.children.length > 1 ? 0.48 : 0.8;
-    const { sizing_mode, width } = model;
-    model.setv({ sizing_mode: "fixed", width: Math.round(share * PAPER) });
+    const { sizing_mode, width, height } = model;
+    model.setv({ sizing_mode: "fixed", width: Math.round(share * PAPER), height: Math.min(height, LOW) });
     const drawn = svg(name);
-    model.setv({ sizing_mode, width });
+    model.setv({ sizing_mode, width, height });
     return drawn;
   }
   function toPrint() {

@@ -198,9 +198,10 @@ def _cost(document: Document) -> str:
         return "Collocation runs the simulator for every alpha: its cost is not known beforehand."
     if cost["direct"]:
         return (
-            "The simulator takes arrays: an identification runs it at every node, "
-            f"{cost['least_runs']:,} times or more, and these runs are not kept. If it is slow, "
-            'take [propagation] surfaces = "process".'
+            "The simulator takes arrays: an identification runs it at every node, many in one "
+            f"call: some {cost['least_runs']:,} to {cost['most_runs']:,} times, the more the "
+            "finer nodes it needs. These runs are not kept. If it is slow, take [propagation] "
+            'surfaces = "process".'
         )
     low, high = (duration(hours) for hours in cost["hours"])
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
