@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pandas as pd
@@ -202,7 +202,7 @@ def test_what_cannot_be_reached_is_told() -> None:
         def objective(self):
             return Unreachable()
 
-    broken = Broken(**vars(fit))
+    broken = Broken(**{each.name: getattr(fit, each.name) for each in fields(fit)})
     assert not refitted(broken).arrived
 
 
