@@ -236,7 +236,15 @@ def chosen_parameters(
     called = {variable: name for name, variable in offer.variables.items()}
 
     def read(words: Sequence[str]) -> dict[str, Limits | float | None]:
-        return {called.get(name, name): value for name, value in map(_parameter, words)}
+        found = {called.get(name, name): value for name, value in map(_parameter, words)}
+        for name in found:
+            if not (name.isidentifier() or called):
+                raise AleatorError(
+                    f"'{name}' is no name of a parameter",
+                    "use letters, digits and underscores, not starting with a digit; in a template "
+                    "or a command {NAME} marks its place, whatever the program calls it",
+                )
+        return found
 
     if option or not questions.interactive:
         try:

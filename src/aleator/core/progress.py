@@ -27,7 +27,8 @@ class Standing:
     """Where a maximization of the likelihood stands after a number of runs.
 
     `error` is the error of the estimates that an emulator in place of the simulator causes, in
-    standard errors; None where it has not been computed, or there is no emulator.
+    standard errors; None where it has not been computed, or there is no emulator. `value_error` is
+    that of the log-likelihood, where it is too large; else None.
 
     >>> now = Standing(120, -31.42, {"v.mean": 1.0}, 0.35, (RunsAhead(0.2, 180, 50.0),))
     >>> print(now)
@@ -40,6 +41,7 @@ class Standing:
     alpha: Mapping[str, float]
     error: float | None = None
     ahead: tuple[RunsAhead, ...] = ()
+    value_error: float | None = None
 
     def __str__(self) -> str:
         parts = [f"{self.runs:,} runs", f"log-likelihood {self.log_likelihood:.2f}"]
@@ -51,6 +53,8 @@ class Standing:
         if self.error is None:
             return ""
         text = f"error of the estimates {self.error:.2g} standard errors"
+        if self.value_error is not None:
+            text += f", of the log-likelihood {self.value_error:.2g}"
         return f"{text}; expected: {self.forecast}" if self.forecast else text
 
     @property

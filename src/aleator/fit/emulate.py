@@ -287,12 +287,14 @@ class Emulation:
         """The number of all runs that is expected for an error of the estimates of `goal`.
 
         It is in standard errors. `calm` rounds in succession have had small errors. Infinite where
-        the present error is unknown.
+        the present error is unknown, and where more rounds are expected than are made.
         """
         change = admitted_change(len(self.question.ids), self.settings)
         ahead = RoundsAhead(self._size, self._confirmed, change, calm)
-        error = self.error
-        return ahead.expected(len(self.processes.x), error.alpha, error.log_likelihood, goal)
+        error, made = self.error, len(self.processes.x)
+        found = ahead.expected(made, error.alpha, error.log_likelihood, goal)
+        left = self.settings.most - len(self.told)
+        return found if found <= made + self._size * left else np.inf
 
     def _tell(self, end: Maximum, calm: int) -> None:
         """Record the present errors, and tell them with the runs and hours that are expected."""
@@ -306,7 +308,9 @@ class Emulation:
             ahead.append(RunsAhead(goal, whole, runner.seconds * (whole - runs) / runner.workers))
         names = [each.name for each in end.likelihood.hyperparameters]
         alpha = dict(zip(names, end.alpha.tolist(), strict=True))
-        standing = Standing(runs, end.value, alpha, error.alpha, tuple(ahead))
+        admitted = admitted_change(len(self.question.ids), self.settings)
+        off = error.log_likelihood if error.log_likelihood > admitted else None
+        standing = Standing(runs, end.value, alpha, error.alpha, tuple(ahead), off)
         runner.outlook = standing.outlook
         self.ledger.progress.reached(standing)
 

@@ -142,8 +142,8 @@ def _experiments(proposal: Proposal) -> list[str]:
         lines.append(line("transform", "log", "the outcome spans decades: its logarithm is taken"))
     elif proposal.decades:
         lines.append(off("transform", "log", "for outcomes that span decades, as these do"))
-    elif proposal.assumed and proposal.positive:
-        lines.append(off("transform", "log", "for lives and the like, whose errors are shares"))
+    elif proposal.positive:
+        lines.append(off("transform", "log", "for lives and the like; noise is then a share"))
     return lines
 
 

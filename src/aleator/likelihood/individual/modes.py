@@ -131,12 +131,14 @@ def _damped_step(information: Array, slope: Array, damping: Array, stiff: float)
 
     In one direction the damping makes steps shorter. In several directions it is added to the
     information. Steps along a narrow ridge then become shorter, while steps back to the ridge do
-    not.
+    not. Where the noise is tiny the information across the ridge is so large that rounding makes
+    that along it vanish: as much as rounding takes is added.
     """
     if slope.shape[-1] == 1:
         return np.asarray(slope / (information * (1.0 + damping))[..., 0])
     added = damping + (damping / stiff) ** 2 * information
-    damped = information + added * np.eye(slope.shape[-1])
+    rounding = np.finfo(float).eps * np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    damped = information + (added + rounding) * np.eye(slope.shape[-1])
     return np.asarray(np.linalg.solve(damped, slope[..., None])[..., 0])
 
 

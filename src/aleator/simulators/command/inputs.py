@@ -136,6 +136,13 @@ def _placeholder(match: re.Match[str], where: str) -> Placeholder:
         try:
             found.write(1.0)
         except RunFailed:
+            if not name.isidentifier():
+                raise SimulatorError(
+                    f"{where}: what stands between braces is no name: {match[0]:.40}",
+                    "write {NAME} where the value of a condition or parameter goes; where braces "
+                    "mean something else, double them in a command, or choose other delimiters "
+                    "for a file",
+                ) from None
             raise SimulatorError(
                 f"{where}: the placeholder {match[0]} has a format that no number has",
                 "write one such as .6g or 12.4e; where no placeholder is meant, double the braces "

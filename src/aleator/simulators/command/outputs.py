@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -345,11 +346,27 @@ class JsonOutput(OutputFile):
             else:
                 keys = list(map(str, at)) if isinstance(at, dict) else []
                 kind = f"{len(at)} entries" if isinstance(at, list) else ", ".join(keys[:8])
+                inner = next(_paths(at, part), "")
+                inner = f"; there is one at '{'.'.join([*parts[:k], inner])}'" if inner else ""
                 raise RunFailed(
                     f"'{self.file}' has no '{part}' at {place}{nearest(part, keys)}; it has "
-                    f"{kind or 'no keys'} there"
+                    f"{kind or 'no keys'} there{inner}"
                 )
         return at
+
+
+def _paths(value: Any, key: str) -> Iterator[str]:
+    """The paths of a key inside a JSON value, those in outer objects first.
+
+    >>> [*_paths({"result": {"cycles": 4.0}}, "cycles")]
+    ['result.cycles']
+    """
+    inner = value.items() if isinstance(value, dict) else enumerate(value)
+    parts = [(str(name), part) for name, part in inner]
+    yield from (name for name, _ in parts if name == key)
+    for name, part in parts:
+        if isinstance(part, dict | list):
+            yield from (f"{name}.{path}" for path in _paths(part, key))
 
 
 def _is_number(value: Any) -> bool:
