@@ -292,7 +292,7 @@ def next(
         aimed = None if event is None else session.event(event, value.units)
         if at is not None and (aimed is None or aimed.outcome in session.outcomes):
             there = session.runner_on(at)
-            tell_expected_runs(options, surface, there, "condition", event=aimed is not None)
+            tell_expected_runs(options, surface, there, "new condition", event=aimed is not None)
         plan = next_experiments(
             found, table, count, about=predicted or about, repeat=repeat, laws=laws,
             simulator=others, progress=progress,
