@@ -150,6 +150,10 @@ def test_questions_are_about_one_new_experiment_each(folder: Path) -> None:
     assert isinstance(limits.at, Conditions)
     assert limits.at.conditions["load"].tolist() == [2.5]
     assert loaded(folder).questions == ()
+    text = changed(r"\[search\]", asking("probability = 'stiffness > 1'", ""))
+    (share,) = loaded(folder, text).questions
+    assert isinstance(share.at, Conditions)
+    assert share.at.table.shape == (1, 0)
 
 
 def test_the_command_line_overrides(folder: Path) -> None:

@@ -50,16 +50,17 @@ def found(simulator: Callable[..., Any], *questions: OutcomeQuestion, **how: Any
 
 
 EVENT = OutcomeQuestion(probability="way > 6 mm", at={"load": NEW}, noise=False)
+SHARE = OutcomeQuestion(probability="give > 1.2")
 LIMIT = OutcomeQuestion(tolerance=(0.95, 0.9), side="upper", at={"load": NEW})
 
 
 @pytest.fixture(scope="module")
 def asked() -> Identification:
-    return found(way, EVENT, LIMIT, vectorized=True)
+    return found(way, EVENT, LIMIT, SHARE, vectorized=True)
 
 
 def test_an_answer_is_that_of_the_same_question_asked_alone(asked: Identification) -> None:
-    event, limit = asked.answers
+    event, limit, share = asked.answers
     alone = asked.probability("way > 6", {"load": NEW}, noise=False).iloc[0]
     for name in ("probability", "lower", "upper", "error"):
         assert getattr(event, name) == alone[name]
@@ -67,6 +68,9 @@ def test_an_answer_is_that_of_the_same_question_asked_alone(asked: Identificatio
     assert (limit.lower, limit.upper) == (None, one["upper"])
     assert event.at == limit.at == {"load": NEW}
     assert event.beyond == limit.beyond != ""
+    own = asked.probability("give > 1.2").iloc[0]
+    assert (share.probability, share.upper) == (own["probability"], own["upper"])
+    assert (share.outcome, share.at, share.noise) == ("give", {}, False)
     assert asked.runs_by_stage["questions"] > 0
 
 
@@ -86,6 +90,8 @@ def test_every_report_says_the_answers_before_the_verdicts(asked: Identification
     share = 100.0 * float(asked.answers[0].probability or 0.0)
     assert f"the true way exceeds 6 mm in {share:.1f} % of experiments" in event.text
     assert "beyond the tested conditions" in event.text
+    of_law = next(s for s in findings(asked.to_dict()) if s.head == "A new experiment")
+    assert of_law.text.startswith("give exceeds 1.2")
     for text in (repr(asked).replace("\n", " "), asked._repr_html_(), asked.report().text):
         for part in ("the true way exceeds 6 mm", "the measured way of 95 % of experiments"):
             assert 0 < text.index(part) < text.index("Computed soundly")
@@ -173,16 +179,16 @@ def test_runs_are_counted_once_and_a_budget_holds() -> None:
     assert len(there) == len(set(there)) == result.runs_by_stage["questions"] > 0
     assert result.runs == len(set(calls))
     calls.clear()
-    spent = found(counting, EVENT, vectorized=False, budget=Budget(runs=result.runs))
-    assert spent.answers[0].status == "failed"
+    spent = found(counting, EVENT, SHARE, vectorized=False, budget=Budget(runs=result.runs))
+    assert [answer.status for answer in spent.answers] == ["failed", "solved"]
     assert "budget" in spent.answers[0].reason
     assert not [call for call in calls if call[0] == NEW]
 
 
-def said(**entry: Any) -> str:
+def said(outcome: str = "way", **entry: Any) -> str:
     answer = vars(OutcomeAnswer("way", {"load": 5.0}, True, **entry))
     document = {"alpha": {}, "experiments": [], "units": {"way": "mm"}, "answers": [answer]}
-    (sentence,) = findings(document)
+    (sentence,) = findings({"outcome": outcome, **document})
     return str(sentence)
 
 
@@ -198,6 +204,8 @@ def test_the_sentences_of_answers() -> None:
     rare = said(event="way > 6", probability=2.5e-5, lower=1e-6, upper=0.02)
     assert "with probability 2.50e-05 (95 % interval 1.00e-06 to 0.02)" in rare
     assert "in 4.0 % of experiments." in said(event="way > 6", probability=0.04)
+    # All experiments have one value of a constant: no share of them exceeds a number.
+    assert "with probability 0.5 " in said(outcome="load", event="way > 6", **share)
     assert "more runs" in said(event="way > 6", status="unsettled", **share)
     assert said(content=0.95, confidence=0.9, lower=1.0, upper=2.0) == (
         "At load 5: way of 95 % of experiments lies between 1 and 2 mm (90 % confidence)."

@@ -305,6 +305,11 @@ def test_a_ridge_of_which_only_the_product_is_seen_leaves_predictions_exact() ->
     assert told.attrs["plausible"]["agreement"] < 0.4
     again = Identification.from_document(json.loads(documents.to_json(found.to_dict())))
     assert again.plausible == found.plausible
+    # `load` takes the laws in any order.
+    laws = Inputs(dict(reversed(found.session.inputs.laws.items())))
+    other = replace(found, session=replace(found.session, inputs=laws))
+    assert other.draws().names[0] == "b.value"
+    assert other.draws().table().loc["a.mean"].equals(found.draws().table().loc["a.mean"])
     poor = replace(found, plausible=PlausibleLaws("poor", 0.05))
     for table in (poor.probability(f"y > {t}", {"z": [1.0]}), poor.predict({"z": [1.0]}),
                   poor.tolerance(0.95, 0.9, {"z": [1.0]})):  # fmt: skip

@@ -132,11 +132,13 @@ def check(
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return
-    events = sum(question.probability is not None for question in value.questions)
-    if value.questions and cost is not None and not cost.direct:
+    asked = [value.event(question) for question in value.questions]
+    simulated = [event for event in asked if value.for_event(event) is value]
+    events = sum(event is not None for event in simulated)
+    if simulated and cost is not None and not cost.direct:
         also = f", and of {count(events, 'event')} some {Exploration().runs} runs or more each"
         click.echo(
-            f"{count(len(value.questions), 'question')} of the study: the runs of a surface for "
+            f"{count(len(simulated), 'question')} of the study: the runs of a surface for "
             f"each, not counted above{also if events else ''}"
         )
     if planning.to_mend(document):
@@ -290,7 +292,7 @@ def next(
         aimed = None if event is None else session.event(event, value.units)
         if at is not None and (aimed is None or aimed.outcome in session.outcomes):
             there = session.runner_on(at)
-            tell_expected_runs(options, surface, there, "condition", event=aimed is not None)
+            tell_expected_runs(options, surface, there, "new condition", event=aimed is not None)
         plan = next_experiments(
             found, table, count, about=predicted or about, repeat=repeat, laws=laws,
             simulator=others, progress=progress,

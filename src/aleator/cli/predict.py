@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,6 @@ from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
 from aleator.results.values import PlausibleLaws
 from aleator.simulators import Runner
-from aleator.simulators.parameter import ParameterItself
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
@@ -373,8 +372,7 @@ def predict(
     if request.event is not None:
         simulated = value.experiments.observations.names
         event = OutcomeEvent.of(request.event, simulated, value.units, value.inputs.names)
-        if event.outcome not in simulated:  # No run tells of a parameter, and no measurement.
-            asked = replace(value, simulator=ParameterItself(event.outcome), noise=None)
+        asked = value.for_event(event)
     table = requested_conditions(asked, at, of)
     if output is not None:
         make_place(output, value.file)

@@ -33,10 +33,10 @@ class LikelihoodDrawSettings:
     crack_growth, fatigue_limit and run_outs (three seeds each), and 0.13 to 0.28 on ridges."""
     each: int = 16
     """Number of draws from each new normal approximation."""
-    begin: int = 32
-    """Number of draws from the first normal approximations together."""
     together: int = 2
-    """Number of normal approximations that are added in a round."""
+    """Number of normal approximations that are added in a round. From the first ones, of which
+    there may be many, as many draws are made together as in a round, but of each no fewer than
+    `each`/`together`."""
     enough: float = 96.0
     """Effective number of draws at which no more are made."""
     least: float = 24.0
@@ -137,7 +137,8 @@ def draws_by_likelihood(
         mixture.add(np.clip(alpha[mixture.moving], *limits), objective)
     if not mixture.parts:
         return None
-    count = max(settings.each // settings.together, settings.begin // len(mixture.parts))
+    in_a_round = settings.each * settings.together
+    count = max(settings.each // settings.together, in_a_round // len(mixture.parts))
     new = mixture.parts
     while True:
         before = mixture.evaluations

@@ -1,4 +1,4 @@
-"""A question about the outcome of a new experiment: a probability, or tolerance limits."""
+"""A question about a new experiment: the probability of an event, or tolerance limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from aleator.errors import InputsError, described, nearest
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, covariates
+from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
 
@@ -42,19 +42,21 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class OutcomeQuestion:
-    """A question about the outcome of a new experiment, which `identify` answers with the law.
+    """A question about a new experiment, which `identify` answers with the law.
 
-    It is about one of two things. `probability` is an event, such as "travel > 26" or
-    "20 < travel < 26 mm": asked is P(event) of a new experiment (`Identification.probability`).
+    It is about one of two things. `probability` is an event of an outcome or of a parameter, such
+    as "travel > 26" or "20 < travel < 26 mm": asked is P(event) of a new experiment
+    (`Identification.probability`).
     `tolerance` are a content and a confidence, such as (0.95, 0.90): asked are two limits that hold
     this share of all outcomes with this confidence, or with `side` "upper" or "lower" one limit, of
     one `outcome` or of all (`Identification.tolerance`). `at` has the value of each condition of
     the experiment by name, or is `Conditions` of one row. With `noise` the question is about the
-    measured value, without about the true one.
+    measured value, without about the true one. An event of a parameter has no noise, and takes of
+    the conditions only those that its law follows.
 
     Raises InputsError unless exactly one of the two is asked, and for shares that are not between 0
     and 1. Cost: the runs of one response surface under these conditions, and for a probability at
-    least `Exploration.runs` more; none where the simulator takes arrays.
+    least `Exploration.runs` more; none where the simulator takes arrays, or for a parameter.
 
     >>> OutcomeQuestion(probability="travel > 26", at={"force": 50.0}).limits is None
     True
@@ -109,28 +111,40 @@ class OutcomeQuestion:
             ) from None
         return Tolerance(content, confidence, self.side)
 
-    def require_outcome(self, responses: Sequence[Response], units: Mapping[str, str]) -> None:
-        """Raise InputsError unless the event or the outcome is one of these responses."""
+    def event(
+        self, responses: Sequence[Response], units: Mapping[str, str], parameters: Sequence[str]
+    ) -> OutcomeEvent | None:
+        """The event that is asked for, of a response or of a parameter; None for limits.
+
+        Raises InputsError unless the event, or the outcome of limits, is one of these.
+        """
         names = [response.name for response in responses]
         if self.probability is not None:
-            event = OutcomeEvent.of(self.probability, names, units)
-            event.on(responses[names.index(event.outcome)].transform)
-        elif self.outcome is not None and self.outcome not in names:
+            event = OutcomeEvent.of(self.probability, names, units, parameters)
+            if event.outcome in names:
+                event.on(responses[names.index(event.outcome)].transform)
+            return event
+        if self.outcome is not None and self.outcome not in names:
             raise InputsError(
                 f"there is no outcome '{self.outcome}'{nearest(self.outcome, names)}",
                 f"the outcomes are {', '.join(names)}",
             )
+        return None
 
 
 def require_laws_at(
-    conditions: Conditions, inputs: Inputs, noise: Noise | Mapping[str, Noise] | None
+    conditions: Conditions,
+    inputs: Inputs,
+    table: Experiments,
+    noise: Noise | Mapping[str, Noise] | None,
 ) -> None:
     """Raise AleatorError unless the laws and the noise are known under new conditions.
 
-    `inputs` are resolved by the experiments. A column that a law or the noise follows may be
-    missing, and an entry may be one that no experiment had.
+    A column that a law or the noise follows may be missing, and an entry may be one that no
+    experiment in the `table` had.
     """
     if noise is not None:
         MeasurementErrors.of(noise, conditions)
     if inputs.regressed:
-        inputs.resolved(covariates(conditions, inputs.covariates))
+        known = inputs.resolved(covariates(table, inputs.columns))
+        known.resolved(covariates(conditions, inputs.covariates))

@@ -574,6 +574,27 @@ def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Condi
     return conditions_of(experiments, which, named=any(len(rows) > 1 for rows in first))
 
 
+def first_rows(conditions: Conditions, responses: tuple[Response, ...]) -> Conditions:
+    """The first row of each experiment with all columns, for other responses without conditions.
+
+    >>> import pandas as pd
+    >>> frame = pd.DataFrame({"id": ["a", "a", "b"], "load": [1, 2, 3]})
+    >>> first_rows(Conditions.from_frame(frame, id="id"), (Response("x"),)).table["load"].tolist()
+    [1.0, 3.0]
+    """
+    import pandas as pd
+
+    first = np.unique(conditions.experiment, return_index=True)[1]
+    return Conditions(
+        conditions.ids,
+        pd.DataFrame(index=range(len(first))),
+        responses=responses,
+        table=conditions.table.iloc[first].reset_index(drop=True),
+        places=[conditions.places[row] for row in first.tolist()],
+        id=conditions.id,
+    )
+
+
 def unmeasured(conditions: Conditions) -> Experiments:
     """Experiments under the given conditions whose values are all NaN, as none is measured yet."""
     return conditions.with_observations(conditions.observations)

@@ -237,7 +237,7 @@ def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
     """
     which = {"both": slice(0, 2), "lower": slice(0, 1), "upper": slice(1, 2)}[cut]
     limit = "from limit to limit" if cut == "both" else f"to its {cut} limit"
-    falls = ", ".join(f"{drop:.2f}" for drop in (drops or ())[which])
+    falls = ", ".join(f"{max(drop, 0.0):.2f}" for drop in (drops or ())[which])
     return f"{limit}: log L falls by {falls}" if falls else limit
 
 
@@ -343,7 +343,7 @@ def _doubts(document: Document) -> Iterator[tuple[str, str, str]]:
         flat = side == "lower" and what == "sd" and of != "noise" and not of.startswith("noise.")
         yield (
             f"{name} ends on its {side} limit",
-            f"no scatter of {of} is seen in these data"
+            f"as far as these data tell, {of} need not scatter more than that"
             if flat
             else f"the most likely {name} may lie beyond",
             'take law = "constant" for a parameter that need not scatter' if flat else WIDEN,

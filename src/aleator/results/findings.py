@@ -274,14 +274,19 @@ def _answers(document: Document) -> Iterator[Sentence]:
         at = named_values(document, answer.at)
         beyond = f"beyond the tested conditions: {answer.beyond}" if answer.beyond else ""
         whose = f"the {'measured' if answer.noise else 'true'} {of}"
-        whose = whose if document.get("quadrature") else of
+        measured = document.get("quadrature") and of in transforms(document)
+        whose = whose if measured else of
         if answer.reason:
             asked = answer.event or f"limits that hold {percent(answer.content)} of {of}"
             told = [f"no answer to '{asked}', because {answer.reason}"]
         elif answer.event is None:
             told = [_limits(answer, whose, unit)]
         else:
-            told = [f"{_event(answer, answer.event, whose, unit)} {_share(answer)}"]
+            # A constant, or the parameter of a group, is no experiment's own.
+            law = (document.get("ranges") or {}).get(of)
+            own = of in transforms(document) or (law is not None and law.get("level") is None)
+            share = _share(answer, shared=not own)
+            told = [f"{_event(answer, answer.event, whose, unit)} {share}"]
         if not answer.reason:
             told += [CAUTIONS.get(answer.status, ""), beyond]
         yield _found(
@@ -297,15 +302,23 @@ def _event(answer: OutcomeAnswer, event: str, whose: str, unit: str) -> str:
     return f"{whose} lies between {event.partition(' ')[0]} and {event.rpartition(' ')[2]}{unit}"
 
 
-def _share(answer: OutcomeAnswer, thresholds: Thresholds = THRESHOLDS) -> str:
-    """How frequent an event is: a share of experiments, or where it is rare a probability."""
+def _share(answer: OutcomeAnswer, *, shared: bool, thresholds: Thresholds = THRESHOLDS) -> str:
+    """How frequent an event is: a share of experiments, or a probability.
+
+    It is a probability where the event is rare, and where experiments have its parameter `shared`.
+    """
     value, ends = answer.probability, (answer.lower, answer.upper)
     if value is None:
         return "with a probability that is not known"
     rare = min(value, 1.0 - value) < thresholds.rare
-    low, high = (NONE if end is None else chance(end) if rare else _percent(end) for end in ends)
+    as_share = not rare and not shared
+    low, high = (
+        NONE if end is None else _percent(end) if as_share else chance(end) for end in ends
+    )
     sure = f" (95 % interval {low.removesuffix(' %')} to {high})"
-    told = f"with probability {chance(value)}" if rare else f"in {_percent(value)} of experiments"
+    told = (
+        f"in {_percent(value)} of experiments" if as_share else f"with probability {chance(value)}"
+    )
     return told if None in ends or ends == (value, value) else f"{told}{sure}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
@@ -165,7 +165,7 @@ class PlausibleLaws(Plain):
     neither represents it: predictions with uncertainty may then be wrong. `agreement` is that of
     the normal draws, between zero and one (see `inference.likelihood_draws.agreement`); None where
     there are none. `effective` is the effective number of draws by the likelihood (Kish,
-    1965), `alpha` (A, K) and `weights` (A,) are these draws.
+    1965), `alpha` (A, K) and `weights` (A,) are these draws, in the order of the alpha of a result.
     """
 
     status: str
@@ -173,6 +173,15 @@ class PlausibleLaws(Plain):
     effective: float | None = None
     alpha: tuple[tuple[float, ...], ...] = ()
     weights: tuple[float, ...] = ()
+
+    def reordered(self, order: Sequence[int]) -> PlausibleLaws:
+        """The same laws with the columns of their draws in another order.
+
+        >>> drawn = PlausibleLaws("by_likelihood", alpha=((1.0, 2.0),), weights=(1.0,))
+        >>> drawn.reordered([1, 0]).alpha
+        ((2.0, 1.0),)
+        """
+        return replace(self, alpha=tuple(tuple(row[k] for k in order) for row in self.alpha))
 
     @property
     def summary(self) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from aleator.errors import (
 )
 from aleator.fit.question import Choices, varying_conditions
 from aleator.inference.check import Check
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import OutcomeQuestion, require_laws_at
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -40,6 +41,7 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, defaults_left, derived
 from aleator.simulators.fmu import FMUSimulator
+from aleator.simulators.parameter import ParameterItself
 from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
@@ -353,6 +355,20 @@ class Study:
         tried = map(str, self.experiments.conditions.columns)
         return self.simulator.asks([*tried], self.inputs.names)
 
+    def event(self, question: OutcomeQuestion) -> OutcomeEvent | None:
+        """The event that a question of the study asks for; None for limits."""
+        seen = self.experiments.observations.responses
+        return question.event(seen, self.units, self.inputs.names)
+
+    def for_event(self, event: OutcomeEvent | None) -> Study:
+        """The study with a parameter in place of the simulator, if the event is one of a parameter.
+
+        No run tells of a parameter, and no measurement.
+        """
+        if event is None or event.outcome in self.experiments.observations.names:
+            return self
+        return replace(self, simulator=ParameterItself(event.outcome), noise=None)
+
     @property
     def _numbers(self) -> list[str]:
         """The conditions that are numbers in the study's table."""
@@ -383,30 +399,28 @@ def load_study(path: str | Path) -> Study:
 
 
 def _question(study: Study, key: str, section: QuestionSection) -> OutcomeQuestion:
-    """A question of a study, about one of its outcomes and under conditions that are known.
+    """A question of a study, about one of its names and under conditions that are known.
 
     Raises StudyError or SimulatorError, with the key, for any other.
     """
-    at = _made(study.file, f"{key}.at", lambda: _asked_at(study, section))
-    asked = _made(study.file, key, lambda: section.build(at))
-    seen = study.experiments.observations.responses
-    _made(study.file, key, lambda: asked.require_outcome(seen, study.units))
-    return asked
+    asked = _made(study.file, key, section.build)
+    event = _made(study.file, key, lambda: study.event(asked))
+    at = _made(study.file, f"{key}.at", lambda: _asked_at(study.for_event(event), section))
+    return replace(asked, at=at)
 
 
 def _asked_at(study: Study, section: QuestionSection) -> Conditions:
     """The conditions of a question, under which the simulator, the laws and the noise are known."""
     import pandas as pd
 
-    columns, inputs = study.inputs.columns, study.inputs
-    if section.at or study.taken or inputs.covariates:
+    if section.at or study.taken or study.inputs.covariates:
         found = study.stated_conditions({name: [value] for name, value in section.at.items()})
     else:
         seen = study.experiments.observations.responses
         found = Conditions(("1",), pd.DataFrame(index=[0]), responses=seen)
     study.runner(found)
-    resolved = inputs.resolved(covariates(study.experiments, columns)) if columns else inputs
-    require_laws_at(found, resolved, study.noise if section.noise else None)
+    noise = study.noise if section.noise else None
+    require_laws_at(found, study.inputs, study.experiments, noise)
     return found
 
 

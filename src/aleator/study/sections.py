@@ -24,7 +24,7 @@ from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.observations import tables
 from aleator.observations.correlated import AR1, CAR1, CompoundSymmetry, ErrorCorrelation
-from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.experiments import Experiments
 from aleator.observations.model import NormalError, ObservationModel, StudentError
 from aleator.observations.noise import Noise
 from aleator.observations.outcomes import Censored, Censoring
@@ -453,7 +453,7 @@ Value = Annotated[
 
 
 class QuestionSection(Section):
-    """`[[questions]]`: a question about the outcome of a new experiment, which identify answers."""
+    """`[[questions]]`: a question about a new experiment, which identify answers."""
 
     probability: str | None = None
     tolerance: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] | None = None
@@ -462,12 +462,12 @@ class QuestionSection(Section):
     outcome: str | None = None
     noise: bool = True
 
-    def build(self, at: Conditions) -> OutcomeQuestion:
-        """The question about a new experiment under the conditions `at`."""
+    def build(self) -> OutcomeQuestion:
+        """The question; InputsError unless it asks one thing."""
         asked = self.tolerance
         return OutcomeQuestion(
             probability=self.probability, tolerance=None if asked is None else (asked[0], asked[1]),
-            at=at, side=self.side, outcome=self.outcome, noise=self.noise,
+            at=self.at, side=self.side, outcome=self.outcome, noise=self.noise,
         )  # fmt: skip
 
 

@@ -152,11 +152,14 @@ class Identification(Result):
         known = estimated(
             self.alpha, self.correlation_names, self.correlation, self._hyperparameters
         )
-        if not by_likelihood:
-            drawn = plausible_draws(known, self.plausible, count, seed)
-            return replace(drawn, names=(*self.alpha,))
-        found = replace(alpha_draws(known, count, seed, DRAWING.wide), names=(*self.alpha,))
-        return found.reweighted(kept(self.session.fit).objective())
+        names = tuple(h.name for h in self._hyperparameters)
+        if by_likelihood:
+            found = replace(alpha_draws(known, count, seed, DRAWING.wide), names=names)
+            return found.reweighted(kept(self.session.fit).objective())
+        # The laws may be given to `load` in another order than to the identification.
+        order = [[*self.alpha].index(name) for name in names]
+        plausible = None if self.plausible is None else self.plausible.reordered(order)
+        return replace(plausible_draws(known, plausible, count, seed), names=names)
 
     def predict(
         self,

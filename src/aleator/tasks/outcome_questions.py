@@ -1,4 +1,4 @@
-"""Questions about outcomes of new experiments, which `identify` answers with the law."""
+"""Questions about new experiments, which `identify` answers with the law."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from typing import Any
 
 from aleator.errors import AleatorError, InputsError
 from aleator.fit.ledger import Ledger
-from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import OutcomeQuestion, require_laws_at
-from aleator.laws.inputs import Inputs
-from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.results.values import OutcomeAnswer
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
@@ -26,11 +24,13 @@ STAGE = "questions"
 def require_answerable(
     questions: Sequence[OutcomeQuestion], session: Session, units: Mapping[str, str]
 ) -> None:
-    """Check before any run that questions are about known outcomes, under known conditions.
+    """Check before any run that questions are about known names, under known conditions.
 
     `session` has the laws, the noise, the experiments and the simulator of an identification.
     Raises AleatorError with the number of the question.
     """
+    assert session.inputs is not None
+    assert session.experiments is not None
     for place, question in enumerate(questions):
         if not isinstance(question, OutcomeQuestion):
             raise InputsError(
@@ -39,26 +39,23 @@ def require_answerable(
             )
         try:
             require_one_law(session.hyperparameters)
-            question.require_outcome(session.responses, units)
-            conditions = session.requested(question.at)
+            event = question.event(session.responses, units, session.parameters)
+            simulated = event is None or event.outcome in session.outcomes
+            conditions = (
+                session.requested(question.at)
+                if event is None
+                else session.event_conditions(event, question.at)
+            )
             if len(conditions.table) != 1:
                 raise InputsError(
                     f"at has {len(conditions.table)} rows", "give one, and a question for each"
                 )
-            session.runner_on(conditions)
-            require_laws_at(
-                conditions, _resolved(session), session.noise if question.noise else None
-            )
+            if simulated:
+                session.runner_on(conditions)
+            noise = session.noise if question.noise and simulated else None
+            require_laws_at(conditions, session.inputs, session.experiments, noise)
         except AleatorError as error:
             raise type(error)(f"questions[{place}]: {error.problem}", error.remedy) from None
-
-
-def _resolved(session: Session) -> Inputs:
-    """The laws with the coefficients that the experiments give their formulas."""
-    inputs, table = session.inputs, session.experiments
-    assert inputs is not None
-    assert table is not None
-    return inputs.resolved(covariates(table, inputs.columns)) if inputs.columns else inputs
 
 
 def runs_for_condition(surface: Mapping[str, Any] | None, *, event: bool) -> int:
@@ -146,7 +143,10 @@ def _affordable_runs(
     found: Identification, question: OutcomeQuestion, runner: Runner, spent: int
 ) -> int:
     """The runs that a question is expected to take; AleatorError if the budget leaves too few."""
-    asked = runs_for_condition(found.surface, event=question.probability is not None)
+    event = question.event(found.session.responses, found.units, found.session.parameters)
+    if event is not None and event.outcome not in found.session.outcomes:
+        return 0
+    asked = runs_for_condition(found.surface, event=event is not None)
     if runner.account.granted(asked + spent) < asked + spent:
         raise AleatorError(
             f"it takes some {asked} runs, more than the budget of {runner.account.budget} leaves"
@@ -179,16 +179,26 @@ def _answers(
 
 def _asked(found: Identification, question: OutcomeQuestion) -> OutcomeAnswer:
     """The answer to a question as far as the question says it: without numbers."""
-    names, limits = found.session.outcomes, question.limits
-    stated = found.session.requested(question.at).table
-    at = {str(name): stated[name].iloc[0] for name in stated}
-    if limits is None:
-        event = OutcomeEvent.of(str(question.probability), names, found.units)
-        return OutcomeAnswer(event.outcome, at, question.noise, event=str(event))
+    session, limits = found.session, question.limits
+    names, event = (
+        session.outcomes,
+        question.event(session.responses, found.units, session.parameters),
+    )
+    if event is not None:
+        noise = question.noise and event.outcome in names
+        at = _first_row(session.event_conditions(event, question.at))
+        return OutcomeAnswer(event.outcome, at, noise, event=str(event))
+    assert limits is not None
+    at = _first_row(session.requested(question.at))
     return OutcomeAnswer(
         question.outcome or ", ".join(names), at, question.noise, content=limits.content,
         confidence=limits.confidence, side=limits.side,
     )  # fmt: skip
+
+
+def _first_row(conditions: Conditions) -> dict[str, Any]:
+    """The conditions of one new experiment by name."""
+    return {str(name): conditions.table[name].iloc[0] for name in conditions.table}
 
 
 def _unanswered(

@@ -41,6 +41,7 @@ from aleator.observations.experiments import (
     conditions_of,
     covariates,
     distinct_conditions,
+    first_rows,
     unmeasured,
 )
 from aleator.observations.noise import Noise, noise_columns
@@ -176,6 +177,11 @@ class Session:
         """The names of the outcomes."""
         return tuple(response.name for response in self.responses)
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of the parameters; empty if there are no inputs."""
+        return () if self.inputs is None else tuple(self.inputs.names)
+
     def law(
         self,
         values: Mapping[str, float | Estimate],
@@ -256,8 +262,7 @@ class Session:
 
     def event(self, sentence: str, units: Mapping[str, str]) -> OutcomeEvent:
         """The event that a sentence states of an outcome or of a parameter; see `OutcomeEvent`."""
-        parameters = () if self.inputs is None else self.inputs.names
-        return OutcomeEvent.of(sentence, self.outcomes, units, parameters)
+        return OutcomeEvent.of(sentence, self.outcomes, units, self.parameters)
 
     def event_context(
         self,
@@ -269,27 +274,28 @@ class Session:
     ) -> PredictionContext:
         """The context for the probability of an event, as `context` has it for an outcome.
 
-        An event of a parameter needs no run: the parameter is its own outcome, without noise, once
-        in each experiment. Of the conditions only those that its law follows matter.
+        An event of a parameter needs no run: the parameter is its own outcome, without noise.
         """
-        if event.outcome in self.outcomes or self.inputs is None:
+        if event.outcome in self.outcomes:
             return self.context(at, alpha, of, noise)
+        once = self.event_conditions(event, at, of)
+        runner = Runner(ParameterItself(event.outcome), once, self.parameters)
+        return replace(self._context(once, runner, None, alpha, of), on_simulator=True)
+
+    def event_conditions(
+        self, event: OutcomeEvent, at: RequestedConditions, of: str | None = None
+    ) -> Conditions:
+        """The conditions that `at` gives for an event, as `requested` has them for an outcome.
+
+        An event of a parameter has one row for each experiment. Of the conditions only those that
+        its law follows matter.
+        """
+        if event.outcome in self.outcomes:
+            return self.requested(at, of)
         seen, itself = (Response(event.outcome),), ParameterItself(event.outcome)
         at = {} if at is None and self.experiments is None else at
-        whole = replace(
-            self, noise=None, responses=seen, runner=runners(itself, self.inputs.names)
-        ).requested(at, of)
-        first = np.unique(whole.experiment, return_index=True)[1]
-        once = Conditions(
-            whole.ids,
-            pd.DataFrame(index=range(len(first))),
-            responses=seen,
-            table=whole.table.iloc[first].reset_index(drop=True),
-            places=[whole.places[row] for row in first.tolist()],
-            id=whole.id,
-        )
-        runner = Runner(itself, once, self.inputs.names)
-        return replace(self._context(once, runner, None, alpha, of), on_simulator=True)
+        own = replace(self, noise=None, responses=seen, runner=runners(itself, self.parameters))
+        return first_rows(own.requested(at, of), seen)
 
     def _context(
         self,
