@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from individual_cases import ALPHA, decay, likelihood_of, table
+from scipy import optimize, stats
 
 from aleator import Free, Inputs, Noise, Normal
 from aleator.fit.quadrature import _gaps, highest_maximum, nearest_maximum, with_enough_nodes
@@ -66,3 +67,49 @@ def test_a_maximum_that_finer_nodes_put_first_keeps_the_starts_that_led_to_it() 
         assert top.maximum.value == pytest.approx(ends[high].value, abs=1e-3)
         assert [hill.starts for hill in met] == [few, 3]
         assert bool(once_warnings(top.search_result, met)) is (few == 1)
+
+
+def test_the_highest_of_two_maxima_is_told_though_the_nodes_of_the_other_misread_it() -> None:
+    """The outcome is -6 - a far below, and above max(1, a), at time 1 a - 0.5.
+
+    With the law far below, integrals are normal and five nodes are exact. With the law above, three
+    outcomes lie at the kink. There nodes around the mode leave out what is below one.
+    """
+    rng, noise = np.random.default_rng(1), 0.003
+    time = np.repeat([0.0, 1.0], 12)
+    y = np.concatenate([
+        1.0 + noise * rng.standard_normal(3), 1.0 + np.abs(rng.normal(0.0, 1.0, 9)),
+        1.5 + 0.4 * rng.standard_normal(12),
+    ])  # fmt: skip
+    late = time > 0.0
+
+    def model(time, x):
+        return np.where(x[0] < -4.0, -6.0 - x[0], np.where(time > 0.0, x[0] - 0.5, x[0].clip(1.0)))
+
+    def exact(mean: float, sd: float) -> float:
+        wide, kinked = np.hypot(sd, noise), y[~late]
+        if mean < -4.0:
+            return float(stats.norm.logpdf(y, -6.0 - mean, wide).sum())
+        given = mean + (kinked - mean) * (sd / wide) ** 2
+        above = stats.norm.pdf(kinked, mean, wide) * stats.norm.sf(1.0, given, sd * noise / wide)
+        below = stats.norm.cdf(1.0, mean, sd) * stats.norm.pdf(kinked, 1.0, noise)
+        plain = stats.norm.logpdf(y[late], mean - 0.5, wide)
+        return float(np.log(above + below).sum() + plain.sum())
+
+    def best(mean: float) -> optimize.OptimizeResult:
+        return optimize.minimize(lambda alpha: -exact(*alpha), (mean, 0.5), method="Nelder-Mead")
+
+    frame = pd.DataFrame({"id": range(24), "time": time, "y": y})
+    law = Inputs({"a": Normal(Free(-12.0, 6.0), Free(0.01, 4.0))})
+    likelihood = likelihood_of(model, frame, law, noise=Noise(noise))
+    low, high = (best(mean) for mean in (-7.5, 1.5))
+    assert -high.fun > -low.fun + 3.0
+    ends = [nearest_maximum(likelihood, np.array([*one.x, noise])) for one in (low, high)]
+    optima = tuple(Optimum(alpha, held.evaluate(alpha).total, 1) for held, alpha in ends)
+    assert optima[1].log_likelihood < optima[0].log_likelihood - 5.0
+    ascents = tuple(Ascent(o.alpha, o.alpha, o.log_likelihood, 9, True) for o in optima)
+    search = SearchResult(optima[0].alpha, optima[0].log_likelihood, ascents, optima)
+    top = highest_maximum(with_enough_nodes(likelihood, search.alpha), search)
+    assert top.maximum.value == pytest.approx(-high.fun, abs=1e-4)
+    assert top.maximum.alpha[:2] == pytest.approx(high.x, abs=1e-3)
+    assert [o.log_likelihood for o in top.search_result.optima[1:]] == pytest.approx([-low.fun])

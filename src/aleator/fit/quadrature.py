@@ -23,6 +23,7 @@ from aleator.likelihood.individual import (
     IndividualLikelihood,
     LevelRule,
     NodeRule,
+    Panels,
     PlanePanels,
     RidgePoints,
 )
@@ -176,18 +177,14 @@ def _integral_with_enough_nodes(
     variates = likelihood.inputs.scattering
     many = variates > NODE_ACCURACY.products
     end = _refined(likelihood.ruled(RidgePoints()) if many else _scoring(likelihood), alpha, enough)
-    if variates < 2:
-        return end
     most = NODE_ACCURACY.little if enough >= NODE_ACCURACY.rough else NODE_ACCURACY.hardly
+    if _one_mode_serves(end, most, _none(likelihood, enough)):
+        return end
     if variates == 2:
-        if _told_by_panels(end, most, _none(likelihood, enough)):
-            return end
         over = _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
         few = end.coarse.adapted(over.alpha)
         agree = abs(few.evaluate(over.alpha).total - over.value) < NODE_ACCURACY.hardly
         return replace(over, coarse=few) if agree else over
-    if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
-        return end
     none = max(enough, NODE_ACCURACY.rough) if many else enough
     again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, none)
     return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
@@ -202,6 +199,16 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
     return likelihood.ruled(likelihood.rule.at_least(NODE_ACCURACY.scoring))
+
+
+def _one_mode_serves(end: _IntegralMaximum, most: float, enough: float) -> bool:
+    """Whether nodes around one mode of each experiment leave nothing out, and are enough."""
+    variates = end.likelihood.inputs.scattering
+    if variates < 2:
+        return True
+    if variates == 2:
+        return _told_by_panels(end, most, enough)
+    return not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end))
 
 
 def _told_by_panels(end: _IntegralMaximum, most: float, enough: float) -> bool:
@@ -502,12 +509,13 @@ class Highest:
         cls, end: Maximum, found: SearchResult, starts: int, looked: Sequence[Optimum]
     ) -> Highest:
         """The highest maximum `end` of so many starts, with the optima `looked` evaluated anew."""
-        lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
+        best = Optimum(end.alpha, end.value, starts)
+        most = best.log_likelihood
+        lower = [replace(o, log_likelihood=min(o.log_likelihood, most)) for o in looked]
         lower.sort(key=lambda optimum: -optimum.log_likelihood)
-        rest = found.optima[1 + NODE_ACCURACY.others :]
-        optima = (Optimum(end.alpha, end.value, starts), *lower, *rest)
-        moved = replace(found, alpha=end.alpha, log_likelihood=end.value, optima=optima)
-        return cls(end, moved, tuple(o.alpha for o in lower if _possible(o, end)))
+        optima = (best, *lower, *found.optima[1 + NODE_ACCURACY.others :])
+        moved = replace(found, alpha=end.alpha, log_likelihood=most, optima=optima)
+        return cls(end, moved, tuple(o.alpha for o in lower if _possible(o, best)))
 
 
 def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
@@ -519,26 +527,25 @@ def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
 def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
     """The highest of the maxima that are reached from the best optima of the search.
 
-    A search has few quadrature nodes. With the accurate nodes of `end`, another optimum than the
-    best of the search may be the highest, so that the likelihood is maximized from each again. An
-    optimum far below `end` by the accurate nodes is left out.
+    A search has few quadrature nodes. With accurate nodes another optimum than the best of the
+    search may be the highest, so that the likelihood is maximized from each again: with the nodes
+    of `end`, or where these do not serve with nodes of its own. An optimum far below `end` by nodes
+    that serve is left out.
     """
     first = Optimum(end.alpha, end.value, found.optima[0].starts)
     looked, climbs, ends = list[Optimum](), list[Optimum](), [first]
-    objective = end.likelihood.continued
+    objective, best, held = end.likelihood.continued, first, end.likelihood
     for optimum in _looked_at(objective, found):
-        if _possible(optimum, end):
-            near = objective.nearest(optimum.alpha) if isinstance(objective, Following) else None
-            climbs.append(_climbed(near or end.likelihood, optimum))
-            ends.append(climbs[-1])
-        else:
-            looked.append(optimum)
-            ends.append(optimum)
+        near = objective.nearest(optimum.alpha) if isinstance(objective, Following) else None
+        own, reached = _reached(near or end.likelihood, optimum, first, end.gap)
+        ends.append(reached)
+        (climbs if _possible(reached, first) else looked).append(reached)
+        if reached.log_likelihood > best.log_likelihood:
+            best, held = reached, own
     found, starts = _followed(found, ends), first.starts
-    best = max(climbs, key=lambda one: one.log_likelihood, default=None)
-    if best is not None and best.log_likelihood > end.value + NODE_ACCURACY.higher:
-        finer = with_enough_nodes(end.likelihood, best.alpha)
-        if finer.value > end.value:
+    if best.log_likelihood > first.log_likelihood + NODE_ACCURACY.higher:
+        finer = with_enough_nodes(held, best.alpha)
+        if finer.value > first.log_likelihood:
             climbs.append(first)
             end, starts, found = finer, best.starts, replace(found, once=len(found.ascents) > 1)
     known = [end.alpha]
@@ -557,13 +564,41 @@ def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
     ]
 
 
-def _possible(optimum: Optimum, end: Maximum) -> bool:
-    return end.value - optimum.log_likelihood < OPTIMA.ruled_out
+def _possible(optimum: Optimum, best: Optimum) -> bool:
+    return best.log_likelihood - optimum.log_likelihood < OPTIMA.ruled_out
 
 
-def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
-    held, alpha = nearest_maximum(likelihood, optimum.alpha)
-    return replace(optimum, alpha=alpha, log_likelihood=held.evaluate(alpha).total)
+def _reached(
+    near: AnyLikelihood, optimum: Optimum, best: Optimum, gap: float
+) -> tuple[AnyLikelihood, Optimum]:
+    """The maximum reached from an optimum, and the likelihood with nodes that serve there.
+
+    `near` has the rule of the best maximum, where more nodes change the log-likelihood by `gap`,
+    with nodes adapted to the optimum.
+    """
+    if not _serves(near, optimum.alpha, gap):
+        own = with_enough_nodes(near, optimum.alpha, NODE_ACCURACY.rough)
+        return own.likelihood, replace(optimum, alpha=own.alpha, log_likelihood=own.value)
+    if not _possible(optimum, best):
+        return near, optimum
+    held, alpha = nearest_maximum(near, optimum.alpha)
+    return held, replace(optimum, alpha=alpha, log_likelihood=held.evaluate(alpha).total)
+
+
+def _serves(near: AnyLikelihood, alpha: Array, allowed: float) -> bool:
+    """Whether the nodes of a rule that served at another maximum serve at alpha (K,) too.
+
+    They do if no mode is left out and more nodes change the log-likelihood by less than the gain
+    from which another maximum replaces the present one, or by no more than at that maximum, which
+    is `allowed`. Panels serve everywhere: they are halved where the outcome is not smooth.
+    """
+    if isinstance(near, Problem) or isinstance(near.rule, Panels | PlanePanels):
+        return True
+    gap = near.rule.gap(_gaps(near, alpha), near.inputs.scattering)
+    most = max(NODE_ACCURACY.higher, abs(allowed))
+    if abs(gap) > most or isinstance(near.rule, ImportancePoints | LevelRule):
+        return abs(gap) <= most
+    return _one_mode_serves(_IntegralMaximum(near, alpha, gap, near), NODE_ACCURACY.hardly, most)
 
 
 def _followed(found: SearchResult, ends: Sequence[Optimum]) -> SearchResult:
