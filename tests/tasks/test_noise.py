@@ -30,6 +30,7 @@ from aleator import (
     identify,
 )
 from aleator.core.types import Array
+from aleator.errors import InputsError
 
 
 def growth(time: np.ndarray, log_rate: np.ndarray) -> np.ndarray:
@@ -373,3 +374,20 @@ def test_noise_of_student_is_identified_exactly() -> None:
     for estimate, value in zip(found.alpha.values(), best.x, strict=True):
         assert abs(estimate.estimate - value) < 0.01 * estimate.standard_error
     assert found.sound
+
+
+def test_the_sum_of_two_parameters_with_tiny_noise_is_exact_until_it_is_refused() -> None:
+    """The outcome is normal: with a known sd of b, mean and sd of a have a closed form."""
+    y = np.random.default_rng(0).normal(3.0, 0.5, 12)
+    laws = {"a": Normal(Free(0.0, 4.0), Free(0.05, 2.0)), "b": Normal(1.0, 0.3)}
+
+    def found(sd: float) -> Identification:
+        return unjudged(
+            lambda a, b: a + b, pd.DataFrame({"y": y}), Inputs(laws), outcome="y", vectorized=True,
+            noise=Noise(sd), verification=Check(0),
+        )  # fmt: skip
+
+    exact = stats.norm(y.mean(), y.std()).logpdf(y).sum()
+    assert found(3e-7).log_likelihood.estimated == pytest.approx(exact, abs=1e-6)
+    with pytest.raises(InputsError, match="double precision"):
+        found(1e-9)

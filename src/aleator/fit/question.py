@@ -70,6 +70,20 @@ def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | No
     return _without_density(table, inputs) is None
 
 
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Settings of the noise with which the likelihood is computed."""
+
+    least: float = 1e-7
+    """Least sd as a share of the range of the measured values. The information about two parameters
+    from one value has a ratio of eigenvalues of range^2/sd^2, which double precision holds up to
+    1e16; with 1e-9 the matrix of the sum of two normal parameters was singular, with 1e-7 its
+    log-likelihood was exact to 2e-9."""
+
+
+NOISES = NoiseSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class Choices:
     """A study without its simulator: table, laws, noise, and the settings of all computations."""
@@ -112,6 +126,8 @@ class Choices:
         reason = None if noise is not None else _without_density(table, inputs)
         if reason is not None:
             raise InputsError(reason, f"add {NOISE}; it may be small")
+        if noise is not None:
+            _require_computable(table, inputs, noise)
         if not made.exact:
             _require_common_surfaces(inputs, surfaces_alone(propagation, density))
         elif not table.simple or len(inputs.classes) > 1:
@@ -275,6 +291,31 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
         for name in requested
         if np.any((cells := table.conditions[name].to_numpy()) != cells[first][table.experiment])
     ]
+
+
+def _require_computable(
+    table: Experiments, inputs: Inputs, noise: Noises, settings: NoiseSettings = NOISES
+) -> None:
+    """Raise InputsError for a known sd that is tiny against the range of the measured values.
+
+    That is so if an experiment has fewer values than parameters that scatter.
+    """
+    seen = table.observations
+    if np.bincount(seen.experiment).min() >= inputs.scattering:
+        return
+    for k, response in enumerate(seen.responses):
+        one = noise if isinstance(noise, Noise) else noise.get(response.name)
+        if one is None or one.relative or not isinstance(one.sd, float | int):
+            continue
+        values = seen.lower[(seen.response == k) & np.isfinite(seen.lower)]
+        least = settings.least * float(np.ptp(values)) if values.size else 0.0
+        if 0.0 < one.sd < least:
+            raise InputsError(
+                f"noise: sd = {one.sd:g} is less than {settings.least:g} of the range of "
+                f"{response.name}: the likelihood cannot be computed in double precision",
+                f"take {least:.1g} or more: the law is hardly changed by an sd far below the "
+                "scatter, such as that of rounding (the last digit / sqrt(12))",
+            )
 
 
 def _without_density(table: Experiments, inputs: Inputs) -> str | None:
