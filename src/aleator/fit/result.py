@@ -103,7 +103,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     drawn = plausible_draws(known, plausible)
     if not inference.positive:  # Where estimates have no intervals, nothing made of them has one.
         drawn = replace(drawn, fixed=np.flatnonzero([h.free for h in hyperparameters]))
-    if not reviewed.given_up:
+    if not reviewed.emulator_refusal:
         notes += diagnostics.plausible_warnings(plausible)
     return Result(
         alpha=estimates,

@@ -131,7 +131,7 @@ class Reviewed:
         return not self._refusals
 
     @cached_property
-    def given_up(self) -> list[Diagnostic]:
+    def emulator_refusal(self) -> list[Diagnostic]:
         """The refusal of an emulator; what follows from its numbers is then not told."""
         emulation = self.answer.inferred.refined.emulation
         return [] if emulation is None else emulator_refusals(emulation)
@@ -224,9 +224,9 @@ class Reviewed:
             self.answer.inferred.inference, likelihood.hyperparameters
         )
         found = [
-            *self.given_up,
+            *self.emulator_refusal,
             *diagnostics.density_refusals(self.at, ids),
-            *([] if self.given_up else searched),
+            *([] if self.emulator_refusal else searched),
             *diagnostics.node_warnings(self._end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
@@ -261,7 +261,7 @@ class Reviewed:
         ]
         notes += (
             []
-            if self.given_up
+            if self.emulator_refusal
             else [
                 *diagnostics.once_warnings(inferred.search_result, self.hills),
                 *diagnostics.bound_warnings(hyperparameters, inference, profile),
