@@ -102,8 +102,22 @@ def test_a_function_of_numbers_gets_arrays_where_the_values_are_the_same(
     assert way(function, MANY) is way(function) is direct
 
 
-def series(z: Any, a: float, b: float) -> Any:
-    return a + b * z
+@pytest.mark.parametrize(
+    ("function", "direct"),
+    [
+        (line, True),
+        (rounded, True),
+        (branching, False),
+        (centered, False),
+        (lambda z, a, b: np.cumsum(line(z, a, b)), False),
+        (lambda z, a, b: np.array([line(*one) for one in np.broadcast(z, a, b)]), False),
+        (lambda z, a, b: line(z[:POINTS], a, b), False),
+    ],
+)
+def test_a_function_of_series_gets_the_rows_of_many_runs_where_the_values_are_the_same(
+    function: Callable[..., Any], direct: bool
+) -> None:
+    assert way(function, FEW, series=True) is direct
 
 
 def sloped(z: float, a: float, b: float) -> Any:
@@ -118,7 +132,8 @@ def sloped(z: float, a: float, b: float) -> Any:
         (line, {"budget": Budget(runs=100)}),
         (line, {"budget": Budget(hours=1.0)}),
         (line, {"timeout": 5.0}),
-        (series, {"series": True}),
+        (line, {"series": True, "vectorized": False}),
+        (line, {"series": True, "timeout": 5.0}),
         (sloped, {"jac": True}),
     ],
 )

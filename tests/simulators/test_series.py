@@ -62,6 +62,25 @@ def test_a_row_is_a_unit_of_a_function_that_is_called_row_by_row() -> None:
     np.testing.assert_array_equal(values[:, 0], 2.0 * ROWS["load"] * ROWS["time"])
 
 
+def test_many_runs_of_a_series_are_one_call_with_all_their_rows() -> None:
+    """Rows of other experiments lie between, one has a row less, and texts are arrays too."""
+    calls = list[int]()
+
+    def both(load: Any, time: Any, note: Any, x: Any) -> Any:
+        calls.append(np.size(x))
+        way = course(load, time, x) + (np.asarray(note) == "a")
+        return {"speed": load * x + 0.0 * time, "way": way}
+
+    rows = table(BOTH, ("way", "speed"))
+    run = Runner(FunctionSimulator(both, series=True), rows, ["x"])
+    unit, x = np.arange(30) % 2, np.linspace(1.0, 3.0, 30)[:, None]
+    expected = run.values(unit, x)
+    assert run.takes_arrays(np.array([[1.0, 3.0]]))
+    calls.clear()
+    np.testing.assert_array_equal(run.straight(unit, x), expected)
+    assert calls == [75]  # rows: 15 runs with three, 15 with two
+
+
 def test_an_experiment_is_a_unit_of_a_series() -> None:
     calls = list[Any]()
 

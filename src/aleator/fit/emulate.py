@@ -92,8 +92,9 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds. `dependence` says how alpha
-    depends on the simulated values, with the factor by which that is in standard errors.
+    with which the processes began. `told` has the errors of all rounds, and `maxima` the
+    log-likelihoods. `dependence` says how alpha depends on the simulated values, with the factor by
+    which that is in standard errors.
     """
 
     def __init__(
@@ -122,6 +123,7 @@ class Emulation:
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
         self.told: list[EmulatorRound] = []
+        self.maxima: list[float] = []
         self.dependence: tuple[Functional, Array] | None = None
         self.surface: Surface
         self.where: Array
@@ -212,7 +214,7 @@ class Emulation:
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
             self.calm = calm
-            ended = self.calm >= self._confirmed or stalled(self.told, settings)
+            ended = self.calm >= self._confirmed or stalled(self.told, self.maxima, settings)
             if ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
@@ -300,7 +302,8 @@ class Emulation:
         """Record the present errors, and tell them with the runs and hours that are expected."""
         runs, error, runner = len(self.processes.x), self.error, self.question.runner
         if self.told and self.told[-1].runs == runs:
-            del self.told[-1]
+            del self.told[-1], self.maxima[-1]
+        self.maxima.append(end.value)
         self.told.append(EmulatorRound(runs, error.alpha, error.log_likelihood))
         ahead = []
         for goal in EXPECTED_RUNS.goals:

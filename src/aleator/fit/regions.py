@@ -210,10 +210,15 @@ def interval_alphas(
 def reaching_out(region: Array, box: Array, other: Array) -> Flags:
     """Which parameters (n,) of the region `other` extend beyond `region` by over 2 % of its width.
 
-    A side where `region` ends at the end of the parameter's range does not count, nor does a
-    constant parameter.
+    A single value in `other` counts wherever it lies beyond: a surface says nothing of a constant
+    outside of its region, so that no search would bring it back. A side where `region` ends at the
+    end of the parameter's range does not count, nor does a fixed parameter.
+
+    >>> box, region = np.array([[0.0, 2.0]]), np.array([[0.5, 1.0]])
+    >>> [reaching_out(region, box, np.array([o])).item() for o in ([0.495, 0.9], [0.495, 0.495])]
+    [False, True]
     """
-    slack = REGIONS.slack * np.diff(region, axis=1)[:, 0]
+    slack = REGIONS.slack * np.diff(region, axis=1)[:, 0] * (other[:, 1] > other[:, 0])
     low = (other[:, 0] < region[:, 0] - slack) & (region[:, 0] > box[:, 0])
     high = (other[:, 1] > region[:, 1] + slack) & (region[:, 1] < box[:, 1])
     return np.asarray((low | high) & (box[:, 1] > box[:, 0]))

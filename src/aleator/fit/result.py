@@ -100,13 +100,17 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     known = estimated(estimates, names, correlation, hyperparameters)
     with ledger.stage("plausible laws"):
         plausible = _plausible(certain, known)
-    notes += diagnostics.plausible_warnings(plausible)
+    drawn = plausible_draws(known, plausible)
+    if not inference.positive:  # Where estimates have no intervals, nothing made of them has one.
+        drawn = replace(drawn, fixed=np.flatnonzero([h.free for h in hyperparameters]))
+    if not reviewed.emulator_refusal:
+        notes += diagnostics.plausible_warnings(plausible)
     return Result(
         alpha=estimates,
         ranges=law_ranges(
             likelihood.inputs,
             hyperparameters,
-            plausible_draws(known, plausible),
+            drawn,
             len(table.ids),
             covariates(table, likelihood.inputs.covariates),
         ),

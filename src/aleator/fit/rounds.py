@@ -101,6 +101,9 @@ class EmulationSettings:
     far: float = 20.0
     """Simulated values farther from the measured ones of their column than this many times the
     range of these are cut off."""
+    narrower: float = 0.5
+    """The share of the width of a parameter's first region below which the limits that led to it
+    count as too wide, where the rounds are given up. By judgement."""
     lost: int = 2
     """The number of extra rounds for outputs all of whose runs failed."""
 
@@ -188,22 +191,32 @@ def enlarged(
     return together if together > usual(len(runner.cases), settings) else 0
 
 
-def stalled(told: Sequence[EmulatorRound], settings: EmulationSettings = EMULATION) -> bool:
+def stalled(
+    told: Sequence[EmulatorRound], maxima: Sequence[float], settings: EmulationSettings = EMULATION
+) -> bool:
     """Whether the least error of alpha lies back as many rounds as are waited for.
 
     The first error does not count: new values have not tested the processes before it, so that it
-    may be far too small.
+    may be far too small. Nor do errors count from before the last round whose maximum of the
+    log-likelihood was the highest so far, by more than `change`: they are in the standard errors of
+    another law, which may be much wider. `maxima` are those of the rounds.
 
     >>> def rounds(errors):
     ...     return [EmulatorRound(6 * k, error, 1.0) for k, error in enumerate(errors)]
-    >>> stalled(rounds([0.1, 3.0, 2.0] + 15 * [4.0])), stalled(rounds(22 * [3.0] + 15 * [4.0]))
+    >>> def ended(errors, rise=0.0):
+    ...     return stalled(rounds(errors), [rise * k for k in range(len(errors))])
+    >>> ended([0.1, 3.0, 2.0] + 15 * [4.0]), ended(22 * [3.0] + 15 * [4.0])
     (True, True)
-    >>> stalled(rounds([5.0 - 0.1 * k for k in range(22)] + 15 * [4.0]))
+    >>> ended([5.0 - 0.1 * k for k in range(22)] + 15 * [4.0])
+    False
+    >>> ended([0.1, 3.0, 2.0] + 15 * [4.0], rise=100.0)
     False
     """
-    errors = [one.alpha for one in told[1:]]
+    highest = np.maximum.accumulate(maxima)
+    risen = np.flatnonzero(highest[1:] > highest[:-1] + settings.change) + 1
+    errors = [one.alpha for one in told[max([1, *risen.tolist()]) :]]
     since = len(errors) - 1 - int(np.argmin(errors)) if errors else 0
-    return since >= max(settings.patience, settings.waited * len(errors))
+    return since >= max(settings.patience, settings.waited * (len(told) - 1))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,8 +22,11 @@ from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
+from aleator.results.printed import listed
 from aleator.results.values import Diagnostic
 from aleator.search.interface import Hill, LogLikelihood, hills_of
+from aleator.simulators import FunctionSimulator, Runner
+from aleator.simulators.response_functions import moving_parameters
 
 EMULATOR = "emulator"
 NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
@@ -35,24 +39,42 @@ def emulator_refusals(emulation: Emulation) -> list[Diagnostic]:
         return []
     if emulation.question.runner.account.refused:
         return [_ended_early(emulation)]
+    runs = f"after {len(emulation.processes.x):,} runs "
     if error.doubted:
-        return [
-            Diagnostic(
-                EMULATOR,
-                f"{_contradicted(error)}, so that the errors it tells are too small",
-                "allow more runs (max_runs), and give the same command again: the runs are kept; "
-                "see whether the outcome has a jump or a kink, and narrow the box to one side",
-            )
-        ]
-    return [
-        Diagnostic(
-            EMULATOR,
-            f"the emulator of the simulator is so inexact that the estimates may be off by "
-            f"{error.alpha:.2g} standard errors",
-            "allow more runs (max_runs), and give the same command again: the runs are kept; see "
-            "whether the outcome has a jump or a kink, and narrow the box to one side of it",
+        said = f"{runs}{_contradicted(error)}, so that the errors it tells are too small"
+    else:
+        said = (
+            f"{runs}the emulator of the simulator is so inexact that the estimates may be off by "
+            f"{error.alpha:.2g} standard errors"
         )
+    return [Diagnostic(EMULATOR, said, "; ".join(_better(emulation)))]
+
+
+def _better(emulation: Emulation) -> Iterator[str]:
+    """What may help an emulator that was given up, the most helpful first."""
+    runner = emulation.question.runner
+    if isinstance(runner.simulator, FunctionSimulator):
+        yield "let the function take arrays, and not say vectorized = false: it needs no emulator"
+    names, limits = emulation.question.inputs.names, emulation.start
+    narrower = [
+        f"{names[k]} (from {limits[k, 0]:.3g} to {limits[k, 1]:.3g}; the runs lead to "
+        f"{emulation.region[k, 0]:.3g} to {emulation.region[k, 1]:.3g}, which may be wrong)"
+        for k in moving_parameters(limits).tolist()
+        if np.ptp(emulation.region[k]) < EMULATION.narrower * np.ptp(limits[k])
     ]
+    if narrower:
+        yield f"narrow the limits of {listed(narrower)} to what you know"
+    yield "see whether the outcome has a jump or a kink, and narrow the box to one side of it"
+    choice = emulation.question.choices.surfaces
+    if choice is not None and emulation.processes.made.max() >= choice.max_runs:
+        yield f"allow more runs (max_runs); {_kept(runner)}"
+
+
+def _kept(runner: Runner) -> str:
+    """What happens to the runs when the same identification is made once more."""
+    if runner.cache is None:
+        return "without a store (Runner(..., store=Store(...)) in Python) all are made again"
+    return "give the same command again: the runs are kept"
 
 
 def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
@@ -84,7 +106,7 @@ def _ended_early(emulation: Emulation) -> Diagnostic:
         f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
         f"{error.alpha:.2g} standard errors, and the log-likelihood by {error.log_likelihood:.2g}"
         f"{doubt}",
-        f"allow more runs{enough}, and give the same command again: the runs are kept",
+        f"allow more runs{enough}; {_kept(emulation.question.runner)}",
     )
 
 
@@ -107,6 +129,12 @@ class Reviewed:
     def sound(self) -> bool:
         """Whether there are no refusals, so that the result is computed reliably."""
         return not self._refusals
+
+    @cached_property
+    def emulator_refusal(self) -> list[Diagnostic]:
+        """The refusal of an emulator; what follows from its numbers is then not told."""
+        emulation = self.answer.inferred.refined.emulation
+        return [] if emulation is None else emulator_refusals(emulation)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -192,19 +220,19 @@ class Reviewed:
     def _refusals(self) -> list[Diagnostic]:
         ids, of = self._seen.ids, self._seen.observations.experiment
         likelihood, checked = self._likelihood, self.answer.checked
+        searched = diagnostics.search_refusals(
+            self.answer.inferred.inference, likelihood.hyperparameters
+        )
         found = [
+            *self.emulator_refusal,
             *diagnostics.density_refusals(self.at, ids),
-            *diagnostics.search_refusals(
-                self.answer.inferred.inference, likelihood.hyperparameters
-            ),
+            *([] if self.emulator_refusal else searched),
             *diagnostics.node_warnings(self._end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
             found += on_surfaces.check_refusals(checked.total, checked.standard_error)
         emulation = self.answer.inferred.refined.emulation
-        if emulation is not None:
-            found += emulator_refusals(emulation)
-        elif isinstance(likelihood, Problem):
+        if emulation is None and isinstance(likelihood, Problem):
             found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
         if not isinstance(likelihood, Problem):
             found += diagnostics.without_surfaces(self._lost, of, ids)
@@ -230,14 +258,20 @@ class Reviewed:
                 len(ids), inference, adjusted=profile.unadjusted is not None
             ),
             *diagnostics.group_warnings(likelihood.inputs, hyperparameters, inference),
-            *diagnostics.once_warnings(inferred.search_result, self.hills),
-            *diagnostics.bound_warnings(hyperparameters, inference, profile),
-            *unadjusted_warnings(hyperparameters, profile),
-            *identifiability_warnings(inference, hyperparameters, profile),
-            *self._centering,
-            *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
-            *on_surfaces.level_warnings(self.by_cells),
         ]
+        notes += (
+            []
+            if self.emulator_refusal
+            else [
+                *diagnostics.once_warnings(inferred.search_result, self.hills),
+                *diagnostics.bound_warnings(hyperparameters, inference, profile),
+                *unadjusted_warnings(hyperparameters, profile),
+                *identifiability_warnings(inference, hyperparameters, profile),
+                *self._centering,
+                *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
+                *on_surfaces.level_warnings(self.by_cells),
+            ]
+        )
         emulation = inferred.refined.emulation
         if emulation is not None:
             notes += emulator_warnings(emulation)

@@ -44,17 +44,27 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     middle one. How sure an end is: half of the
     width of its 95 % interval (see `LawRange`). Where the interval of a hyperparameter of the law
     runs to its limit, the data do not determine the range; the outer ends of these intervals take
-    its place, and the reason is told. What a document lacks is left out.
+    its place, and the reason is told. What a document lacks is left out. An answer that is not
+    computed soundly begins with that, and none of its numbers is told with an interval.
 
     >>> one = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.093, 0.109],
     ...        "upper_interval": [0.17, 0.188]}
     >>> print(*findings({"alpha": {}, "experiments": [], "ranges": {"friction": one}}))
     95 % of experiments: friction 0.1012 to 0.1788 (ends +- 0.0080 and 0.0090, 95 % confidence).
+    >>> unsound = {"sound": False, "alpha": {}, "experiments": [], "ranges": {"friction": one}}
+    >>> print(*findings(unsound), sep="\\n")
+    Not computed soundly: the numbers below may be wrong.
+    95 % of experiments: friction 0.1012 to 0.1788.
     """
+    doubt = Sentence("the numbers below may be wrong.", "bad", "Not computed soundly")
     return (
-        *_laws(document), *_answers(document), *_constants(document), *_held(document),
-        *_noise(document), *_new(document),
+        *(() if _sound(document) else (doubt,)), *_laws(document), *_answers(document),
+        *_constants(document), *_held(document), *_noise(document), *_new(document),
     )  # fmt: skip
+
+
+def _sound(document: Document) -> bool:
+    return document.get("sound", True) is not False
 
 
 # ------------------------------------------------------------------------------- parameters
@@ -84,14 +94,15 @@ def _law(
     head, unit = f"{percent(0.95)} of {whose}", _unit(document, name)
     reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
     ends, told, sure = [entry["lower"], entry["upper"]], "{} to {}", _sure(reach, unit)
-    open_ends = [*_undetermined(document, name, unit, group)]
+    open_ends = [*_undetermined(document, name, unit, group)] if _sound(document) else []
     if open_ends and None not in reach:
         ends = [entry["lower_interval"][0], entry["upper_interval"][1]]
         told, sure = "somewhere between {} and {}", "; ".join(open_ends)
     low, high = (
         with_error(end, own, estimate=True)[0] for end, own in zip(ends, reach, strict=True)
     )
-    return _found(head, f"{name} {told.format(low, high)}{unit} ({sure})")
+    how = f" ({sure})" if _sound(document) else ""
+    return _found(head, f"{name} {told.format(low, high)}{unit}{how}")
 
 
 def _undetermined(
@@ -201,7 +212,7 @@ def _constants(document: Document) -> Iterator[Sentence]:
     for name, entry in document["alpha"].items():
         found = CONSTANT.match(name)
         if found and not entry.get("fixed"):
-            value = f"{found['of']} {_estimate(entry, _unit(document, name))}"
+            value = f"{found['of']} {_estimate(document, name)}"
             yield _found("Every experiment", value)
 
 
@@ -228,16 +239,17 @@ def _noise(document: Document) -> Iterator[Sentence]:
         seen = f"log({of})" if responses.get(of) == "log" else of
         whose = f" of {seen}" if found["of"] or seen != of else ""
         what = "sd" if found["what"] == "sd" else "relative sd"
-        yield _found(
-            f"Measurement noise{whose}", f"{what} {_estimate(entry, _unit(document, name))}"
-        )
+        yield _found(f"Measurement noise{whose}", f"{what} {_estimate(document, name)}")
 
 
-def _estimate(entry: Document, unit: str) -> str:
-    """An estimate with its unit and its 95 % interval."""
+def _estimate(document: Document, name: str) -> str:
+    """An estimate with its unit and, in a sound answer, its 95 % interval."""
+    entry, unit = document["alpha"][name], _unit(document, name)
     error = entry.get("standard_error")
     value, _ = with_error(entry["estimate"], error, estimate=True)
     interval = entry.get("interval")
+    if not _sound(document):
+        return f"{value}{unit}"
     if interval is None:
         bound = entry.get("at_bound")
         why = f"at its {bound} bound: " if bound else ""
@@ -280,12 +292,12 @@ def _answers(document: Document) -> Iterator[Sentence]:
             asked = answer.event or f"limits that hold {percent(answer.content)} of {of}"
             told = [f"no answer to '{asked}', because {answer.reason}"]
         elif answer.event is None:
-            told = [_limits(answer, whose, unit)]
+            told = [_limits(answer, whose, unit, sound=_sound(document))]
         else:
             # A constant, or the parameter of a group, is no experiment's own.
             law = (document.get("ranges") or {}).get(of)
             own = of in transforms(document) or (law is not None and law.get("level") is None)
-            share = _share(answer, shared=not own)
+            share = _share(answer, shared=not own, sound=_sound(document))
             told = [f"{_event(answer, answer.event, whose, unit)} {share}"]
         if not answer.reason:
             told += [CAUTIONS.get(answer.status, ""), beyond]
@@ -302,7 +314,9 @@ def _event(answer: OutcomeAnswer, event: str, whose: str, unit: str) -> str:
     return f"{whose} lies between {event.partition(' ')[0]} and {event.rpartition(' ')[2]}{unit}"
 
 
-def _share(answer: OutcomeAnswer, *, shared: bool, thresholds: Thresholds = THRESHOLDS) -> str:
+def _share(
+    answer: OutcomeAnswer, *, shared: bool, sound: bool, thresholds: Thresholds = THRESHOLDS
+) -> str:
     """How frequent an event is: a share of experiments, or a probability.
 
     It is a probability where the event is rare, and where experiments have its parameter `shared`.
@@ -319,7 +333,7 @@ def _share(answer: OutcomeAnswer, *, shared: bool, thresholds: Thresholds = THRE
     told = (
         f"in {_percent(value)} of experiments" if as_share else f"with probability {chance(value)}"
     )
-    return told if None in ends or ends == (value, value) else f"{told}{sure}"
+    return f"{told}{sure}" if sound and None not in ends and ends != (value, value) else told
 
 
 def _percent(share: float) -> str:
@@ -328,13 +342,13 @@ def _percent(share: float) -> str:
     return percent(share, 0 if least >= 0.1 or least <= 0.0 else 1 if least >= 0.01 else 2)
 
 
-def _limits(answer: OutcomeAnswer, whose: str, unit: str) -> str:
+def _limits(answer: OutcomeAnswer, whose: str, unit: str, *, sound: bool) -> str:
     """Tolerance limits in words."""
     low, high = number(answer.lower, 3), number(answer.upper, 3)
     one_side = {"upper": f"below {high}{unit}", "lower": f"above {low}{unit}"}
     where = one_side.get(answer.side, f"between {low} and {high}{unit}")
-    sure = f"({percent(answer.confidence)} confidence)"
-    return f"{whose} of {percent(answer.content)} of experiments lies {where} {sure}"
+    sure = f" ({percent(answer.confidence)} confidence)" if sound else ""
+    return f"{whose} of {percent(answer.content)} of experiments lies {where}{sure}"
 
 
 # ------------------------------------------------------------------------------- a new experiment

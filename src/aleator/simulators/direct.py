@@ -12,7 +12,7 @@ import numpy as np
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Indices
-from aleator.errors import AleatorError, SurroundingsError
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.dispatch import Batch, make
 from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.protocol import RunStopped, describe
@@ -66,7 +66,8 @@ def array_trial(
     first, and the first difference ends the trial, so that a function that takes no arrays
     costs one or two calls. A function that loops over the runs in Python (`np.vectorize`) gains
     nothing by arrays, and may be slow: it is one that makes another call of a function for most
-    further runs. Cost: at most checked + 2 calls.
+    further runs. A function of series gets the rows of all runs one after the other, with the
+    parameters repeated for each row. Cost: at most checked + 2 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -88,10 +89,12 @@ def array_trial(
     except (KeyboardInterrupt, SurroundingsError):
         raise
     except BaseException as error:
-        told = describe(error)
+        told = (
+            error.problem if isinstance(error, SimulatorError) else f"it raised {describe(error)}"
+        )
         single = any(part in told for part in settings.single)
         cause = " (math.exp and the like take single numbers)" if single else ""
-        return ArrayTrial(0, f"it raised {told}{cause}")
+        return ArrayTrial(0, f"{told}{cause}")
     if not np.isfinite(together).any():
         return ArrayTrial(0, "it returned no finite number")
     if 2 * (calls - fewer) > len(case) - 2:
@@ -106,14 +109,15 @@ def array_trial(
             alone = np.full(together.shape[1], np.nan)
         same = np.isclose(together[k], alone, settings.relative, 0.0, equal_nan=True)
         if not np.all(same | ~(np.isfinite(together[k]) | np.isfinite(alone))):
-            return ArrayTrial(k + 1, "it returned other values than calls with single numbers")
+            return ArrayTrial(k + 1, "it returned other values than a call for each run")
     return ArrayTrial(len(case))
 
 
 def with_arrays(bound: Bound) -> Bound:
-    """The same function, called with arrays."""
+    """The same function, called with arrays of runs; one of series with the rows of many runs."""
     simulator: Any = bound.simulator
-    return replace(bound, simulator=simulator.with_arrays())
+    by_rows = bound.form.rows is not None
+    return replace(bound, simulator=simulator.with_arrays(), by_rows=by_rows)
 
 
 def _called(bound: Bound, case: Indices, x: Array) -> tuple[Array, int]:
@@ -132,7 +136,7 @@ def _called(bound: Bound, case: Indices, x: Array) -> tuple[Array, int]:
             returned = bound.simulator(*columns)
         finally:
             sys.setprofile(before)
-    return bound.form.some(case).shaped(bound.simulator, returned, len(case)), calls
+    return bound.shaped(case, returned), calls
 
 
 def _require_no_interrupt(error: BaseException) -> None:
@@ -177,7 +181,8 @@ class DirectRuns:
         """
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
-        for rows in blocks(len(case), 1, self._called.simulator.block):
+        each = self._form.width if self._called.by_rows else 1
+        for rows in blocks(len(case), each, self._called.simulator.block):
             values[rows], failures = self._block(self._called, case[rows], x[rows])
             self._note(case[rows], x[rows], values[rows], failures)
             self._worked = self._worked or not np.isnan(values[rows]).all()
@@ -186,7 +191,7 @@ class DirectRuns:
     def again(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs that are made once more, as a check; `repeated` counts them.
 
-        A function that was found to take arrays is called with single numbers.
+        A function that was found to take arrays is called for each run.
         """
         self.repeated += len(case)
         parts = blocks(len(case), 1, self._bound.simulator.block)
@@ -201,13 +206,13 @@ class DirectRuns:
         """Whether the simulator takes arrays: as it is stated, or as one trial found.
 
         A function of which `vectorized` is not stated is tried once, at some points of the
-        parameter region (n, 2), each under other conditions. A function is not tried if it makes
-        series, gives derivatives, or has a time limit, since one call would make many runs.
+        parameter region (n, 2), each under other conditions. A function is not tried if it gives
+        derivatives, or has a time limit, since one call would make many runs.
         """
         simulator = self._bound.simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized is not None:
             return getattr(simulator, "vectorized", False) is True
-        if simulator.series or simulator.sloped or simulator.timeout is not None:
+        if simulator.sloped or simulator.timeout is not None:
             return False
         if self.trial is None:
             count = self._settings.checked
@@ -242,8 +247,7 @@ class DirectRuns:
     def _block(self, bound: Bound, case: Indices, x: Array) -> tuple[Array, Failures]:
         try:
             returned = bound.simulator(*bound.columns(case, x))
-            found = self._form.some(case).shaped(bound.simulator, returned, len(case))
-            return found[:, : self._form.width], {}
+            return bound.shaped(case, returned)[:, : self._form.width], {}
         except (AleatorError, KeyboardInterrupt):
             raise
         except BaseException as error:

@@ -195,8 +195,10 @@ class FunctionSimulator:
     but is tried once with arrays where many runs would follow (see `Runner.takes_arrays`), and
     called with arrays there if they give the same values. `series=True`: it is called once for a
     whole experiment of m rows. Conditions that vary within any experiment are then arrays (m,), the
-    others and the parameters are floats; it returns an array (m,), or one number for all rows. For
-    several responses the function returns a mapping from their names to such values.
+    others and the parameters are floats; it returns an array (m,), or one number for all rows. Its
+    trial has the rows of several runs one after the other, and every argument is an array with an
+    entry for each row. For several responses the function returns a mapping from their names to
+    such values.
 
     `jac=True`: the function returns a pair, the outcome and its derivatives by the n parameters:
     an array (n,) in the order of the study, or a mapping from the names of parameters to numbers.
@@ -246,8 +248,7 @@ class FunctionSimulator:
         if series and vectorized:
             raise SimulatorError(
                 "a function of series cannot be vectorized too",
-                "keep one: series for arrays of the rows of one experiment, vectorized for arrays "
-                "of many runs of one row",
+                "leave out vectorized: a function of series is tried with the rows of many runs",
             )
         if block is not None and block < 1:
             raise SimulatorError(f"a block of {block} runs", "choose at least one")
@@ -299,9 +300,9 @@ class FunctionSimulator:
         return self._block or (BLOCKS.arrays if self.vectorized else BLOCKS.single)
 
     def with_arrays(self) -> Self:
-        """The same function, called with arrays."""
+        """The same function, called with arrays; one of series with arrays of rows."""
         made = copy.copy(self)
-        made.vectorized = True
+        made.vectorized, made.series = True, False
         return made
 
     @property

@@ -81,10 +81,10 @@ class Messages:
         )
 
     def not_the_same(self, runs: Runs, row: int, arrays: float, alone: float) -> SimulatorError:
-        """The error that a call with arrays gave another outcome than one with single numbers."""
+        """The error that a call with arrays of many runs gave another outcome than one alone."""
         return SimulatorError(
-            f"simulator '{self.simulator.name}' returned {arrays:.8g} when called with arrays and "
-            f"{alone:.8g} when called with single numbers, for the same run: "
+            f"simulator '{self.simulator.name}' returned {arrays:.8g} when called with arrays of "
+            f"many runs and {alone:.8g} when called for one run, for the same run: "
             f"{self._run(runs, row)}",
             "state vectorized = false (vectorized=False in Python), so that it is called once a "
             "run; or let it treat the runs independently of each other",

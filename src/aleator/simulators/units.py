@@ -273,6 +273,23 @@ class Form:
             raise self._unnamed(simulator, "one number a run")
         return _numbers(simulator, returned, count)[:, None]
 
+    def of_rows(self, simulator: Simulator, returned: Any) -> Array:
+        """Values (R, W) of R series, of which a function returned all rows one after the other.
+
+        Raises SimulatorError as `shaped` does.
+
+        >>> form = Form(width=2, rows=np.array([2, 1]))
+        >>> form.of_rows(None, np.array([1.0, 2.0, 3.0])).tolist()
+        [[1.0, 2.0], [3.0, nan]]
+        """
+        assert self.rows is not None
+        size, count = len(self.responses), int(self.rows.sum())
+        values = np.full((len(self.rows), self.width // size, size), np.nan)
+        filled = np.arange(self.width // size) < self.rows[:, None]
+        rows = replace(self, rows=None, observed=None, width=size)
+        values[filled] = rows.shaped(simulator, returned, count)
+        return values.reshape(len(self.rows), self.width)
+
     def _listed(self, simulator: Simulator, answers: Sequence[RunValue]) -> Array:
         values = np.full((len(answers), self.columns), np.nan)
         rates = values[:, self.width :].reshape(len(answers), self.width, self.slopes)
@@ -346,7 +363,7 @@ def _numbers(simulator: Simulator, returned: object, count: int) -> Array:
         got = f"{kind} of shape {shape}" if shape else f"a single {kind}"
         raise SimulatorError(
             f"simulator '{simulator.name}' returned {'None' if returned is None else got} "
-            f"for {count} runs, expected an array of shape ({count},)",
+            f"for {count} values, expected an array of shape ({count},)",
             "leave out vectorized if it computes one run at a time (as float() and the "
             "functions of math do); else let it return one number a run",
         )
@@ -373,14 +390,34 @@ class Bound:
     >>> bound = Bound(FunctionSimulator(lambda load, x: load * x), cases, ("x",))
     >>> bound.columns(np.array([1, 1]), np.array([[0.5], [0.7]]))
     ({'load': array([2., 2.])}, {'x': array([0.5, 0.7])})
+
+    `by_rows` says that a function of series is called with the rows of many runs one after the
+    other: every condition and parameter is then an array with an entry for each row.
     """
 
     simulator: Simulator
     cases: Cases
     parameters: tuple[str, ...]
     form: Form = Form()
+    by_rows: bool = False
 
     def columns(self, case: Indices, x: Array) -> tuple[Columns, Columns]:
         """Conditions and parameters by name, of runs of cases `case` (R,) at points x (R, n)."""
-        columns = np.asarray(x, dtype=np.float64).T.copy()
-        return self.cases.at(case), dict(zip(self.parameters, columns, strict=True))
+        conditions, points = self.cases.at(case), np.asarray(x, dtype=np.float64)
+        if self.by_rows and self.form.rows is not None:
+            rows = self.form.rows[case]
+            conditions = {
+                name: np.concatenate(cells)
+                if isinstance(cells[0], np.ndarray)
+                else np.repeat(cells, rows)
+                for name, cells in conditions.items()
+            }
+            points = np.repeat(points, rows, axis=0)
+        return conditions, dict(zip(self.parameters, points.T.copy(), strict=True))
+
+    def shaped(self, case: Indices, returned: Any) -> Array:
+        """Values (R, W) of what a call returned for runs of cases `case` (R,)."""
+        form = self.form.some(case)
+        if self.by_rows:
+            return form.of_rows(self.simulator, returned)
+        return form.shaped(self.simulator, returned, len(case))

@@ -36,10 +36,10 @@ def frame_of(table: object, what: str) -> pd.DataFrame:
 
     >>> frame_of({"force": [10.0, 20.0], "oil": "a"}, "at")["oil"].tolist()
     ['a', 'a']
-    >>> frame_of("springs.csv", "experiments")
+    >>> frame_of("springs.parquet", "experiments")
     Traceback (most recent call last):
-    aleator.errors.ExperimentsError: experiments: 'springs.csv' is a text, not a table
-      Remedy: write pandas.read_csv('springs.csv')
+    aleator.errors.ExperimentsError: experiments: 'springs.parquet' is a text, not a table
+      Remedy: write pandas.read_parquet('springs.parquet')
     """
     if isinstance(table, pd.DataFrame):
         return table
@@ -54,8 +54,10 @@ def frame_of(table: object, what: str) -> pd.DataFrame:
                 "give each name one value, or lists of one length",
             ) from None
     if isinstance(table, str | Path):
+        reader = {".parquet": "read_parquet", ".xlsx": "read_excel", ".xlsm": "read_excel"}
+        read = reader.get(Path(table).suffix.lower(), "read_csv")
         raise ExperimentsError(
-            f"{what}: '{table}' is a text, not a table", f"write pandas.read_csv('{table}')"
+            f"{what}: '{table}' is a text, not a table", f"write pandas.{read}('{table}')"
         )
     if hasattr(table, "to_pandas"):
         remedy = "write table.to_pandas()"
