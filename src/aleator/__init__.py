@@ -149,4 +149,4 @@ if not TYPE_CHECKING:
 
     def __dir__() -> list[str]:
         """The public names, imported or not, for completion in an editor."""
-        return [*globals(), *__all__]
+        return sorted({*globals(), *__all__})

@@ -196,7 +196,7 @@ def test_far_variates_of_a_narrow_law_keep_their_place_in_both_tails(box) -> Non
     [
         (lambda: Normal(), "Normal: mean"),
         (lambda: Normal(mean=Free(0.0, 1.0), sd=Free(-1.0, 1.0)), "sd"),
-        (lambda: Normal(mean=Free(1.0, 0.0), sd=1.0), "mean"),
+        (lambda: Free(1.0, 0.0), r"Free\(1, 0\)"),
         (lambda: Normal(mean=Free(0.0, 1.0, start=2.0), sd=1.0), "mean"),
         (lambda: Normal(mean=0.0), "sd"),
         (lambda: Normal(mean=math.nan, sd=1.0), "mean"),
@@ -211,7 +211,7 @@ def test_far_variates_of_a_narrow_law_keep_their_place_in_both_tails(box) -> Non
         (lambda: TruncatedNormal((0.0, 1.0), sd=Free(-0.1, 1.0)), "sd"),
         (lambda: TruncatedNormal((0.0, 1.0), polynomials="legendre"), "legendre"),  # type: ignore[arg-type]
         (lambda: Constant(), "Constant: value"),
-        (lambda: Constant(Free(2.0, 2.0)), "value"),
+        (lambda: Free(2.0, 2.0), r"Free\(2, 2\)"),
         (lambda: Noise(Free()), "noise: sd"),
         (lambda: Noise(-1.0), "sd"),
     ],

@@ -13,12 +13,15 @@ from identifications import unjudged
 from scipy import stats
 
 from aleator import (
+    AR1,
     AleatorError,
     Censoring,
     Check,
+    CompoundSymmetry,
     Constant,
     Experiments,
     Free,
+    GaussianProcess,
     Identification,
     Inputs,
     LogNormal,
@@ -32,6 +35,7 @@ from aleator import (
 from aleator.core.progress import Silent
 from aleator.laws import By
 from aleator.tasks.compare import Comparison, compared
+from aleator.tasks.nesting import Embedding, matched
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -193,6 +197,41 @@ def test_a_number_and_fewer_terms_are_special_cases() -> None:
     assert pairs["fixed", "free"].reference == "chi2(1)"
     assert pairs["free", "followed"].reference == "chi2(1)"
     assert all(r.statistic > -1e-3 for r in found.ratios)
+
+
+def test_errors_that_are_not_tied_are_a_special_case_of_tied_ones() -> None:
+    tied = Noise(Free(0.01, 1.0), correlation=AR1())
+    law = Normal(Free(0.5, 4.0), Free(0.0, 2.0))
+    table = Experiments.from_frame(made(), outcome="y", conditions=["t"])
+    found = compare(free=usual(), ar1=found_by(lambda t, x: x * t, table, tied, x=law))
+    (ratio,) = found.ratios
+    assert (ratio.smaller, ratio.larger, ratio.reference) == ("free", "ar1", "chi2(1)")
+    assert ratio.p == pytest.approx(stats.chi2.sf(ratio.statistic, 1))
+
+
+@pytest.mark.parametrize(
+    ("tie", "on_boundary", "regular"),
+    [
+        (AR1(), 0, True),
+        (CompoundSymmetry(), 1, True),
+        (AR1(Free(0.1, 0.9)), None, None),  # its limits leave zero out
+        (GaussianProcess("t", sd=Free(0.0, 1.0), length=2.0), 1, True),
+        # Without a process its length has no effect (Davies, 1987).
+        (GaussianProcess("t", sd=Free(0.0, 1.0), length=Free(0.1, 9.0)), 1, False),
+    ],
+)
+def test_the_reference_of_a_tie_is_that_of_where_it_vanishes(
+    tie, on_boundary: int | None, regular: bool | None
+) -> None:
+    limits = Free(0.01, 1.0)
+    small, large = Noise(limits).hyperparameters, Noise(limits, correlation=tie).hyperparameters
+    found = matched(small, large)
+    if on_boundary is None:
+        assert isinstance(found, str)
+        return
+    assert isinstance(found, Embedding)
+    assert (found.on_boundary, found.regular) == (on_boundary, regular)
+    assert found.of(np.array([0.3]))[0] == 0.3
 
 
 def test_a_larger_model_whose_search_stopped_early_is_maximized_from_the_smaller() -> None:

@@ -208,6 +208,29 @@ def test_candidates_of_several_rows_share_their_parameters() -> None:
     assert abs(plan.alone[0] - expected) < 4.0 * plan.uncertain[0]
     single = np.sqrt(np.linalg.inv(observed(found) + closed_form(found, np.array([5.0]))[0])[1, 1])
     assert abs(plan.alone[1] - single) < 4.0 * plan.uncertain[1]
+    assert not plan.rows_alone
+    assert plan.aim_by_default
+    assert f"{plan.now:.3g}" in repr(plan)
+    assert len(repr(plan)) < 1500
+
+
+def test_candidates_are_grouped_by_the_column_of_ids_that_the_study_has() -> None:
+    table = pd.DataFrame({"rod": ["a", "a", "b", "b", "c", "c"], "load": [1.0, 2.0] * 3})
+    table["y"] = [1.1, 2.1, 0.8, 1.7, 1.3, 2.4]
+    law = {"x": Normal(Free(0.1, 3.0), Free(0.01, 1.0))}
+    found = unjudged(
+        lambda load, x: load * x, table, law, outcome="y", id="rod", noise=Noise(0.1),
+        vectorized=True,
+    )  # fmt: skip
+    new = pd.DataFrame({"rod": ["n", "n", "m"], "load": [1.0, 2.0, 1.0]})
+    with pytest.raises(AleatorError, match="3 experiments of 2 candidates"):
+        next_experiments(found, new, count=3)
+    alone = next_experiments(found, new.drop(columns="rod"), count=1, about="x.mean")
+    assert alone.ids == ("1", "2", "3")
+    assert alone.rows_alone
+    assert not alone.aim_by_default
+    with pytest.raises(AleatorError, match="load"):
+        found.probability("y > 1", at={"rod": ["n"]})
 
 
 def test_an_sd_that_ended_at_its_limit_is_planned_for_off_its_limit() -> None:

@@ -275,9 +275,6 @@ def next(
     work = Work.on("next", study, options, folder=output, seed=seed)
     value = work.study
     table = value.read_conditions(candidates)
-    if table.id is None and len(value.experiments.ids) < len(value.experiments.experiment):
-        none = f"{candidates} has no column '{value.table.id}'"
-        options.say(f"note: {none}: each row is taken as an experiment of its own")
     # Mistakes in the arguments are reported before a slow simulator runs.
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)

@@ -598,7 +598,8 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
                 f"({_named('...' if column == SAME else column)}); else mend the simulator, which "
                 "is biased there"
             )
-            return f"{whose} err alike, more than the law says", mended if several else subject
+            message = f"{whose} err alike (all too high, or all too low), more than the law says"
+            return message, mended if several else subject
         case "alike":
             return (
                 f"{of} of experiments with the same `{column}` is alike, more than the law says",

@@ -43,16 +43,27 @@ class Free:
     A limit of None stands for the default of the law. A law has default limits only where the range
     of its parameter is finite. Both limits have the unit of the hyperparameter. `prior` is a law
     with known values: the prior distribution of the hyperparameter. Without a prior all values
-    between the limits count alike.
+    between the limits count alike. Raises InputsError for a lower limit that is not below the upper
+    one.
 
     >>> Free(0.5, 1.5, start=1.0)
     Free(lower=0.5, upper=1.5, start=1.0, prior=None)
+    >>> Free(10.0, 5.0)
+    Traceback (most recent call last):
+    aleator.errors.InputsError: Free(10, 5): the lower limit 10 is above the upper limit 5
+      Remedy: write 5, 10
     """
 
     lower: float | None = None
     upper: float | None = None
     start: float | None = None
     prior: PriorLaw | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.lower, self.upper
+        if isinstance(low, Real) and isinstance(high, Real) and not low < high:
+            problem, remedy = disordered(float(low), float(high))
+            raise InputsError(f"{type(self).__name__}({low:g}, {high:g}): {problem}", remedy)
 
 
 @dataclass(frozen=True, init=False)
@@ -61,9 +72,10 @@ class By(Free):
 
     Its value in experiment l is sum_j X_lj beta_j. The columns of X are made from `formula` by the
     package formulaic, for example ``By("1 + temperature + C(supplier)")``. `lower` and `upper` are
-    limits of the value in every experiment; where left out they are the defaults of the law. The
-    limits of the coefficients are derived from them. `terms` gives numbers or limits to single
-    coefficients, by the names that `Inputs.resolved` uses: ``{"temperature": Free(0.0, 1.0)}``.
+    limits of the value, such as the mean, in every experiment, not of a coefficient; where left out
+    they are the defaults of the law. The limits of the coefficients are derived from them. `terms`
+    gives numbers or limits to single coefficients, by the names that `Inputs.resolved` uses:
+    ``{"temperature": Free(0.0, 1.0)}``.
 
     >>> By("1 + temperature", 0.0, 10.0).upper
     10.0
@@ -285,7 +297,8 @@ def require_above(
     _require(math.isfinite(end), f"lower = {end} is not finite", "give a finite lower end")
     _require(
         pair[0].lower > end,
-        f"mean: {pair[0].lower} is not above the lower end {end} of the law",
+        f"mean: {pair[0].lower} is not above the lower end {end} of the law"
+        + ("" if pair[0].by is None else "; the limits of By(...) are those of the mean itself"),
         f"let the mean stay above it, or give the law another end: lower=..., now {end}",
     )
     return pair

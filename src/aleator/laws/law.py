@@ -191,7 +191,11 @@ def require_law(value: object, place: str) -> None:
     elif isinstance(value, tuple | list):
         remedy = f"write TruncatedNormal(box={tuple(value)!r}), or Normal(mean=Free(...), ...)"
     elif hasattr(value, "ppf"):
-        remedy = "write ScipyLaw(scipy.stats.norm(2.0, 0.1)), with arguments of the distribution"
+        name = getattr(getattr(value, "dist", value), "name", type(value).__name__)
+        raise InputsError(
+            f"{place}: the distribution '{name}' of scipy.stats is no law",
+            "write ScipyLaw(scipy.stats.norm(2.0, 0.1)), with arguments of the distribution",
+        )
     elif isinstance(value, str):
         remedy = "write it with its limits, as LogNormal(mean=Free(0.1, 2.0), sd=Free(0.01, 1.0))"
     else:

@@ -409,7 +409,7 @@ def _agreement(document: Document) -> Sentence:
     mended = " ".join(f"{place}{row['remedy']}." for place, row in against)
     if _mistyped(document):
         mended = f"first {MISTYPED}; else {mended}"
-    if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
+    if not {row["test"].get("kind") for row in second["discrepancies"]} & {"neighbours", "groups"}:
         said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
 

@@ -222,7 +222,8 @@ class Result(Plain):
 
         Its columns are ``observations``, ``log_density``, and for each parameter x ``x.mode``,
         ``x.mean`` and ``x.sd`` given the observations of the experiment, and ``x.lower`` and
-        ``x.upper``, 95 % of a normal law with this mean and sd. For a mixture,
+        ``x.upper``, 95 % of a normal law with this mean and sd. The identified law is taken as
+        known: sd and range leave out the error of its hyperparameters. For a mixture,
         ``x.1.probability`` and so on are the probabilities of its components. Empty if each
         experiment has one outcome.
         """

@@ -36,7 +36,7 @@ from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.nesting import Defaults, Embedding, embedded
 from aleator.tasks.session import Session
-from aleator.views.models import without_ratio
+from aleator.views.models import BELOW_CEILING, unreferenced, without_ratio
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         return "\n\n".join([
-            self._known().to_string(), *self._without_ceiling(), self.nested().to_string(),
-            *map(str, without_ratio(self.to_dict())),
+            self._known().to_string(), *self._about_ceiling(), self.nested().to_string(),
+            *map(str, [*unreferenced(self.to_dict()["nested"]), *without_ratio(self.to_dict())]),
         ])  # fmt: skip
 
     def _known(self) -> pd.DataFrame:
@@ -154,10 +154,11 @@ class Comparison:
         known = [model for model in self.models if np.isfinite(model.below_ceiling)]
         return self.table() if known else self.table().drop(columns="below_ceiling")
 
-    def _without_ceiling(self) -> list[str]:
-        """Why `below_ceiling` is not known, one sentence for each reason."""
+    def _about_ceiling(self) -> list[str]:
+        """What `below_ceiling` is, or why it is not known, one sentence for each reason."""
+        known = "below_ceiling" in self._known()
         reasons = dict.fromkeys(model.no_ceiling for model in self.models if model.no_ceiling)
-        return [
+        return [f"below_ceiling: {BELOW_CEILING}."] * known + [
             "below_ceiling is not known for "
             f"{printed.listed([m.name for m in self.models if m.no_ceiling == why])}: {why}."
             for why in reasons
@@ -167,7 +168,7 @@ class Comparison:
         """The table in a notebook."""
         best = f"{self.models[0].name} predicts best." if len(self.models) > 1 else ""
         head = f"{len(self.models)} models of {len(self.ids)} experiments"
-        return printed.shown(head, self._known(), *self._without_ceiling(), best)
+        return printed.shown(head, self._known(), *self._about_ceiling(), best)
 
     def table(self) -> pd.DataFrame:
         """A table with a row for each model, by its name.
@@ -274,7 +275,7 @@ def compare(
     and AleatorError for an identification that was read from a file without the parts that its
     likelihood needs (see `Identification.with_fit`). Cost: some ten evaluations of
     each likelihood, a maximization for each influential experiment, and two or three maximizations
-    for each drawn data set.
+    for each drawn data set. `progress=aleator.ProgressLine()` prints how far the work is.
 
     >>> import pandas as pd
     >>> from aleator import Constant, Experiments, Free, Inputs, Noise, Normal, identify
@@ -459,8 +460,10 @@ def _ratio(
     statistic = 2.0 * (larger.scored().likelihood - smaller.scored().likelihood)
     df = larger.inference.identified.size - smaller.inference.identified.size
     boundary = 0 if place is None else place.on_boundary
-    regular = place is not None and not any(
-        map(has_prior, (smaller.hyperparameters, larger.hyperparameters))
+    regular = (
+        place is not None
+        and place.regular
+        and not any(map(has_prior, (smaller.hyperparameters, larger.hyperparameters)))
     )
     return LikelihoodRatio(small, large, statistic, df, boundary, regular, drawn)
 

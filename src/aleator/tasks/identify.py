@@ -108,7 +108,8 @@ def identify(
     is then the best one within the budget, with a warning about what more runs would improve. With
     a store, Gaussian processes begin with the runs that it has when the study is identified first;
     later runs change nothing. `units` of outcomes, conditions and parameters are only
-    displayed. `restricted` maximizes the restricted likelihood (REML), for variances from few
+    displayed. `progress=aleator.ProgressLine()` prints how far the work is; by default nothing is
+    printed. `restricted` maximizes the restricted likelihood (REML), for variances from few
     experiments. `small_sample` adjusts the intervals for few experiments by Skovgaard's modified
     signed root of the profile (see docs/statistics/intervals.md); the estimates stay. `questions`
     about outcomes of new experiments are answered at the end (`OutcomeQuestion`): `answers` of the

@@ -34,6 +34,10 @@ class NestingSettings:
 
 NESTING = NestingSettings()
 
+SD_OF_PROCESS, LENGTH = ".process_sd", ".length"
+"""The ends of the names of the sd of a `GaussianProcess` of errors and of its length, which has no
+effect where the sd is zero."""
+
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
@@ -41,13 +45,15 @@ class Embedding:
 
     They are `value` (K,) + `matrix` (K, k) alpha for the k hyperparameters alpha of the smaller
     model. `df` is the number of hyperparameters that are free in the larger model only;
-    `on_boundary` of these are then on a limit.
+    `on_boundary` of these are then on a limit. `regular` is False where one of them has no effect
+    in the smaller model: then no chi-squared law is known for the ratio (Davies, 1987).
     """
 
     matrix: Array
     value: Array
     df: int
     on_boundary: int
+    regular: bool = True
 
     def of(self, alpha: Array) -> Array:
         """The alpha (K,) of the larger model that equals the smaller model at its `alpha`."""
@@ -76,15 +82,15 @@ def embedded(
     """The embedding of a smaller model in a larger one; if none is known, the reason in words.
 
     The hyperparameters are matched by their names. The smaller model may have a number in place of
-    a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
-    a formula whose columns are linear combinations of those of the larger model, however it is
-    written. It may lack a parameter whose scale may be zero, such as the shift of a group. A
-    parameter that has another name in the larger model is tried as each of those of its family
-    there. A parameter that one model leaves at the default of its simulator is a constant of this
-    number: `defaults` has those of the smaller and of the larger model. Laws must be of the same
-    family. Every experiment must have the same log-likelihood in
-    both models, or all together that share parameters, so that different simulators are not taken
-    as nested. Cost: an evaluation of the likelihood, or one for each way to rename parameters.
+    a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation of
+    parameters or errors, or a formula whose columns are linear combinations of those of the larger
+    model, however it is written. It may lack a parameter whose scale may be zero, such as the shift
+    of a group. A parameter that has another name in the larger model is tried as each of those of
+    its family there. A parameter that one model leaves at the default of its simulator is a
+    constant of this number: `defaults` has those of the smaller and of the larger model. Laws must
+    be of the same family. Every experiment must have the same log-likelihood in both models, or all
+    together that share parameters, so that different simulators are not taken as nested. Cost: an
+    evaluation of the likelihood, or one for each way to rename parameters.
     """
     if _free(larger) <= _free(smaller):
         return "they have equally many free hyperparameters"
@@ -248,13 +254,17 @@ def matched(
     """
     known, spans = {h.name: j for j, h in enumerate(smaller)}, spans or {}
     matrix, values = np.zeros((len(larger), len(smaller))), np.zeros(len(larger))
-    on_boundary = 0
+    processes = [h.name.removesuffix(SD_OF_PROCESS) for h in larger if SD_OF_PROCESS in h.name]
+    processes = [one for one in processes if one + SD_OF_PROCESS not in known]
+    on_boundary, regular = 0, True
     for k, h in enumerate(larger):
         if k in spans:
             matrix[k, : spans[k].size] = spans[k]
             continue
         j = next((known[name] for name in _aliases(h.name) if name in known), -1)
         value = _absent(h, known) if j < 0 else smaller[j].start
+        if j < 0 and h.name in [one + LENGTH for one in processes]:
+            value, regular = h.start, regular and not h.free
         if value is None:
             return f"{h.name} is in the larger model only and cannot vanish"
         if not _reaches(h, None if j < 0 else smaller[j]):
@@ -268,7 +278,7 @@ def matched(
     if alone.size:
         return f"{smaller[int(alone[0])].name} is in the smaller model only"
     df = sum(h.free for h in larger) - sum(h.free for h in smaller)
-    return Embedding(matrix, values, df, on_boundary)
+    return Embedding(matrix, values, df, on_boundary, regular)
 
 
 def _aliases(name: str) -> list[str]:
@@ -289,6 +299,11 @@ def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
     return source is None or h.free or (not source.free and source.start == h.start)
 
 
+def _ties_errors(h: Hyperparameter) -> bool:
+    """Whether it is the correlation rho of errors, which are independent where it is zero."""
+    return h.name.startswith("noise.") and h.name.endswith(".rho")
+
+
 def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
     """The value at which a hyperparameter that the smaller model lacks has no effect; else None."""
     parameter = h.name.partition(".")[0]
@@ -297,7 +312,7 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
     if h.log and (constant or further):
         return h.lower
     term = h.name.endswith("]") and any(name.startswith(f"{parameter}.") for name in known)
-    if parameter == "correlation" or (term and not h.log):
+    if parameter == "correlation" or _ties_errors(h) or (term and not h.log):
         return 0.0 if h.lower <= 0.0 <= h.upper else None
     if parameter == "noise" or any(name.startswith(f"{parameter}.") for name in known):
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,14 @@ from aleator.inference.outcome_event import OutcomeEvent
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions, unmeasured
-from aleator.results import printed
-from aleator.results.printed import number
+from aleator.results import documents, printed
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import PredictionContext
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability_gradient import EventGradient, event_gradient
+from aleator.views.planning import next_experiments as next_report
 
 ALL = "all"
 """The name that stands for all hyperparameters together."""
@@ -204,7 +204,7 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
     return float(fit.alpha[k] + (end - fit.alpha[k]) / END)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NextExperiments:
     """The candidate experiments with the standard error of `about` after each, and the best set.
 
@@ -223,7 +223,9 @@ class NextExperiments:
     has it for each row of its conditions, and `settled` is false if a response surface does not
     determine the event. `planned_for` has the value assumed for a hyperparameter on a limit.
     `hyperparameters` has the standard error of each now and after the set. `sound` and `consistent`
-    are the verdicts on the identification.
+    are the verdicts on the identification. `aim_by_default` is true where `about` was not asked
+    for. `rows_alone` is true where each row of the candidates is taken as an experiment, though
+    experiments of the study have several rows. `units` are those of the study, by name.
     """
 
     about: str
@@ -248,13 +250,20 @@ class NextExperiments:
     runs: int = 0
     sound: bool = True
     consistent: bool | None = None
+    aim_by_default: bool = False
+    rows_alone: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return printed.text(next_report(self._document()))
 
     def _repr_html_(self) -> str:
-        """The chosen experiments in a notebook."""
-        now = f"The error of {self.about} is {number(self.now, 3)} now" + (
-            ", over what it is." if self.relative else "."
-        )
-        return printed.shown(now, self.plan(), "The set that tells most together, in this order.")
+        """The chosen experiments and what they bring in a notebook."""
+        return printed.fragment(next_report(self._document()))
+
+    def _document(self) -> dict[str, Any]:
+        known: dict[str, Any] = documents.plain({**self.to_dict(), "units": dict(self.units)})
+        return known
 
     def table(self) -> pd.DataFrame:
         """A table with a row for each candidate by its id, the most useful first.
@@ -316,6 +325,8 @@ class NextExperiments:
             "runs": self.runs,
             "sound": self.sound,
             "consistent": self.consistent,
+            "aim_by_default": self.aim_by_default,
+            "rows_alone": self.rows_alone,
         }
 
 
@@ -347,12 +358,13 @@ def next_experiments(
     volume of the confidence ellipsoid. By default it is the standard deviation with the largest
     relative standard error.
 
-    `candidates` is a table like that of the experiments, without outcomes; rows with the same id
-    are one experiment. Experiments of a new group of a level, such as a batch, are one candidate. A
-    candidate is chosen at most `repeat` times. The set is best under the identified law, or with
-    `laws` above 1 best on average over so many plausible laws. A hyperparameter on a
-    limit is assumed one standard deviation off it, which is its interval over 1.96: for itself, and
-    for a prediction or "all", whose error would else leave out that it is not known exactly.
+    `candidates` is a table like that of the experiments, without outcomes; rows with the same id,
+    in the column of ids that the experiments have, are one experiment. Experiments of a new group
+    of a level, such as a batch, are one candidate. A candidate is chosen at most `repeat` times.
+    The set is best under the identified law, or with `laws` above 1 best on average over so many
+    plausible laws. A hyperparameter on a limit is assumed one standard deviation off it, which is
+    its interval over 1.96: for itself, and for a prediction or "all", whose error would else leave
+    out that it is not known exactly.
 
     Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
     way as in the identification. Raises InputsError for an unknown name and for more experiments
@@ -372,7 +384,7 @@ def next_experiments(
     progress = progress or Silent()
     found = found.with_fit(progress)
     fit, session = found.fit, found.session
-    conditions = _conditions(candidates, fit)
+    conditions = session.requested(candidates)
     require_enough_candidates(count, len(conditions.ids), repeat)
     aim = Aim.of(about, found.alpha, fit)
     runner = simulator or session.runner_on(conditions)
@@ -382,12 +394,15 @@ def next_experiments(
     require_enough_candidates(count, len(offered.cluster_names), repeat)
     predicted = None
     if aim.predicted is not None:
-        predicted = _of_prediction(found, aim.predicted, aim.alpha, fit, progress)
+        predicted = _of_prediction(found, aim.predicted, aim.alpha, progress)
     made = planned(fit, offered, predicted, aim, count, repeat, laws, progress)
     runs = runner.runs - before
     if isinstance(predicted, EventAimedAt) and predicted.event.outcome in session.outcomes:
         runs += predicted.context.runner.runs
-    return replace(made, runs=runs, sound=found.sound, consistent=found.consistent)
+    return replace(
+        made, runs=runs, sound=found.sound, consistent=found.consistent, units=found.units,
+        aim_by_default=about is None, rows_alone=_rows_alone(conditions, fit),
+    )  # fmt: skip
 
 
 def planned(
@@ -445,10 +460,10 @@ def planned(
     )
 
 
-def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
-    if isinstance(candidates, Conditions):
-        return candidates
-    return Conditions.from_frame(candidates, responses=fit.table.observations.responses)
+def _rows_alone(conditions: Conditions, fit: Fit) -> bool:
+    """Whether each row is a candidate by itself, though experiments of the study have several."""
+    measured = fit.table
+    return conditions.simple and len(measured.ids) < len(measured.experiment)
 
 
 def _first_rows(offered: Fit) -> pd.DataFrame:
@@ -495,10 +510,11 @@ def _scores(fit: Fit, aim: Aim, rng: np.random.Generator, progress: Progress) ->
 
 
 def _of_prediction(
-    found: Identification, wanted: Predicted, alpha: Array, fit: Fit, progress: Progress
+    found: Identification, wanted: Predicted, alpha: Array, progress: Progress
 ) -> Fit | EventAimedAt:
     """The experiments to be predicted: their fit for a quantile, with an event their context."""
-    there, session = _conditions(wanted.conditions, fit), found.session
+    session = found.session
+    there = session.requested(wanted.conditions)
     if wanted.event is not None:
         event = session.event(wanted.event, found.units)
         context = session.event_context(event, there, alpha, noise=wanted.noise)

@@ -338,7 +338,7 @@ class Session:
                     "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
                 )
             if isinstance(at, Mapping) and not at:
-                return self._without_conditions(self.runner)
+                return self._runnable()
             return Conditions.from_frame(frame_of(at, "at"), responses=self.responses)
         taken = self.runner(table).used_conditions
         if at is None:
@@ -349,7 +349,7 @@ class Session:
         if isinstance(at, Mapping) and not at:
             needed = [*dict.fromkeys([*taken, *covariates, *noise_columns(self.noise)])]
             if not needed:
-                return self._without_conditions(self.runner)
+                return self._runnable()
             raise InputsError(
                 "at: no condition has a value",
                 f"give {', '.join(needed)}: at={{'{needed[0]}': ...}}",
@@ -359,25 +359,30 @@ class Session:
             _require_known(
                 at, [*table.table.columns, *([table.id] if table.id else [])], covariates
             )
-        return Conditions.from_frame(
+        asked = Conditions.from_frame(
             frame,
             id=table.id if table.id in frame else None,
             conditions=[name for name in taken if name in frame],
             numbers=[name for name in taken if table.conditions[name].dtype != object],
             responses=self.responses,
         )
+        absent = [name for name in taken if name not in frame]
+        return self._runnable(asked, absent) if absent else asked
 
-    def _without_conditions(self, runner: Runners) -> Conditions:
-        """One new experiment without conditions; InputsError if the simulator takes some."""
-        one = Conditions(("1",), pd.DataFrame(index=[0]), responses=self.responses)
+    def _runnable(self, asked: Conditions | None = None, absent: Sequence[str] = ()) -> Conditions:
+        """New experiments, by default one; InputsError if the simulator takes what is `absent`."""
+        assert self.runner is not None
+        if asked is None:
+            asked = Conditions(("1",), pd.DataFrame(index=[0]), responses=self.responses)
         try:
-            runner(one)
+            self.runner(asked)
         except SimulatorError as error:
+            names = ", ".join(absent)
             raise InputsError(
-                f"at: no condition has a value; {error.problem}",
-                "give the simulator's conditions: at={'name': ...}",
+                f"at: no value of {names or 'any condition'}; {error.problem}",
+                f"give {names or 'them'}: at={{'{absent[0] if absent else 'name'}': ...}}",
             ) from None
-        return one
+        return asked
 
     def exact_fit(self) -> Fit | None:
         """The fit with the simulator itself in place of the response surfaces; it makes runs.

@@ -99,8 +99,7 @@ def _criteria(models: Sequence[Document]) -> list[Part]:
         Sentence(
             "K free hyperparameters. Smaller AIC, AICc and BIC are better. BIC counts log N for "
             "those of laws that scatter and log M for those of the noise and of constants. Below "
-            "best law: how much higher log L could be with a law of any shape (aleator ceiling "
-            "judges that)."
+            f"best law: {BELOW_CEILING}."
         ),
         *(
             Sentence(f"Below best law is not known for {listed(names)}: {why}.")
@@ -147,10 +146,18 @@ def _ratios(document: Document) -> list[Part]:
             "Ratio: 2 (log L of the larger - log L of the smaller). A small p speaks against the "
             "smaller."
         ),
-        *_unreferenced(document["nested"]),
+        *unreferenced(document["nested"]),
         *_negative(document["nested"]),
         *without,
     ]
+
+
+BELOW_CEILING = (
+    "how much higher log L could be with a law of any shape. It is above zero for a right law, "
+    "too: whether it is more than chance, the p value of `aleator ceiling` says "
+    "(aleator.ceiling(found) in Python)"
+)
+"""What the gap to the best possible law is, for the table of criteria."""
 
 
 def without_ratio(document: Document) -> list[Sentence]:
@@ -166,7 +173,7 @@ def without_ratio(document: Document) -> list[Sentence]:
     return [Sentence(f"No ratio of {', '.join(pairs)}: {why}.") for why, pairs in reasons.items()]
 
 
-def _unreferenced(ratios: Sequence[Document]) -> list[Sentence]:
+def unreferenced(ratios: Sequence[Document]) -> list[Sentence]:
     """What gives a p value where no reference law is known and no data were drawn."""
     without = [
         f"{one['smaller']} < {one['larger']}"

@@ -14,6 +14,7 @@ from aleator.results.printed import (
     AMOUNTS,
     NONE,
     THRESHOLDS,
+    WHOLE,
     Amounts,
     Chapter,
     Column,
@@ -326,8 +327,11 @@ def next_experiments(document: Document) -> Content:
     laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
     aim = "" if document.get("probability") is None else " and the probability"
     lead = (
-        f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}."
-        f"{_probability(document)} {document['runs']:,} different runs of the simulator for "
+        f"About {_about(document)}{laws}: {_error(document)} now {_value(document['now'])}."
+        f"{_default(document)}{_probability(document)}"
+    )
+    made = (
+        f"{document['runs']:,} different runs of the simulator for "
         f"{count(len(document['candidates']), 'candidate')}{aim}."
     )
     columns = heads("hyperparameter", ">std. error now", ">after")
@@ -342,8 +346,9 @@ def next_experiments(document: Document) -> Content:
     }
     notes = [Sentence(note, "warning", head) for head, note in _notes(document)]
     return Content(
-        document.get("title") or "The next experiment", [Sentence(lead), *notes],
-        [Chapter(part.name, head, [Sentence(head, "strong"), part])
+        document.get("title") or "The next experiment",
+        [Sentence(lead), Sentence(made, depth=WHOLE), *notes],
+        [Chapter(part.name, head, [Sentence(head, "strong", depth=part.depth), part])
          for head, part in sections.items()],
         verdicts=[Sentence(_gain(document), "strong")],
     )  # fmt: skip
@@ -375,6 +380,21 @@ def _gain(document: Document) -> str:
     return f"{begin} {again}{half}"
 
 
+def _about(document: Document) -> str:
+    return label(document, document["about"])
+
+
+def _default(document: Document) -> str:
+    """A sentence that the aim was not asked for, and how another is."""
+    if not document.get("aim_by_default"):
+        return ""
+    other = "`--for NAME`, `--for-prediction FILE`, about= in Python"
+    return (
+        " That is the default aim, the standard deviation that is least known for its size; ask "
+        f"for another by {other}."
+    )
+
+
 def _whole(count: float) -> str:
     return f"{max(math.ceil(count), 1):,}"
 
@@ -399,7 +419,12 @@ def _error(document: Document) -> str:
 
 def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
     """Warnings about planned experiments, each as a head and a sentence."""
-    notes = [
+    notes = [] if not document.get("rows_alone") else [
+        ("Rows", "each row of the candidates is taken as an experiment of its own, and experiments "
+         "of the study have several. Give rows of one experiment the same id, in the column of ids "
+         "of the study.")
+    ]  # fmt: skip
+    notes += [
         (f"{name} ended on its limit", "where no experiment tells anything of it. The plan and its "
          f"errors are those at {number(value)}, one standard deviation off the limit.")
         for name, value in document["planned_for"].items()
@@ -454,7 +479,7 @@ def _candidates(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
         )
         for row in rows
     ]  # fmt: skip
-    return TextTable(columns, cells, "candidates", "Candidates")
+    return TextTable(columns, cells, "candidates", "Candidates", depth=WHOLE)
 
 
 def _chosen(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
