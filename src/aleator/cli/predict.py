@@ -32,7 +32,7 @@ from aleator.errors import AleatorError, short
 from aleator.inference.diagnostics import plausible_warnings
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import Tolerance
-from aleator.observations.experiments import Conditions
+from aleator.observations.experiments import Conditions, conditions_at
 from aleator.observations.noise import noise_columns
 from aleator.results import documents
 from aleator.results.printed import Content
@@ -44,7 +44,7 @@ from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
 from aleator.tasks.prediction import compared
-from aleator.tasks.session import Runners, conditions_at, runners_like
+from aleator.tasks.session import Runners, runners_like
 from aleator.views import predictions
 
 

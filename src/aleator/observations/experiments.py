@@ -574,6 +574,19 @@ def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Condi
     return conditions_of(experiments, which, named=any(len(rows) > 1 for rows in first))
 
 
+def conditions_at(experiments: Experiments, of: str | None, names: Collection[str]) -> Conditions:
+    """The conditions of the experiments, for predictions without others.
+
+    For new experiments they are those that differ in a column in `names`, each once. For further
+    values of measured experiments they are those of the experiment `of`, or of all.
+    """
+    if of is None:
+        return distinct_conditions(experiments, [*names])
+    whole = np.ones(len(experiments.ids), dtype=np.bool_)
+    own = np.array([name == of for name in experiments.ids])
+    return conditions_of(experiments, own if own.any() else whole)
+
+
 def first_rows(conditions: Conditions, responses: tuple[Response, ...]) -> Conditions:
     """The first row of each experiment with all columns, for other responses without conditions.
 

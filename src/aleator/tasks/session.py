@@ -38,9 +38,8 @@ from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import (
     Conditions,
     Experiments,
-    conditions_of,
+    conditions_at,
     covariates,
-    distinct_conditions,
     first_rows,
     unmeasured,
 )
@@ -556,19 +555,6 @@ def _by_density(
     }
     columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
     return in_rows(context, columns, [Status(int(c)).name.lower() for c in outcomes.status])
-
-
-def conditions_at(experiments: Experiments, of: str | None, names: Collection[str]) -> Conditions:
-    """The conditions of the experiments, for predictions without others.
-
-    For new experiments they are those that differ in a column in `names`, each once. For further
-    values of measured experiments they are those of the experiment `of`, or of all.
-    """
-    if of is None:
-        return distinct_conditions(experiments, [*names])
-    whole = np.ones(len(experiments.ids), dtype=np.bool_)
-    own = np.array([name == of for name in experiments.ids])
-    return conditions_of(experiments, own if own.any() else whole)
 
 
 def _require_known(at: Mapping[Any, object], known: Sequence[str], needed: Collection[str]) -> None:
