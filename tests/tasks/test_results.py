@@ -398,7 +398,7 @@ def test_each_result_has_a_small_table_with_its_numbers() -> None:
         "bca_lower": aleator.bootstrap(found, replicates=20),
         "elpd": aleator.compare(found, found),
         "probability": aleator.ceiling(found, replicates=0),
-        "standard_error": aleator.next_experiments(found, asked(), count=2),
+        "standard error": aleator.next_experiments(found, asked(), count=2),
         "mean_total": aleator.screen(springs, table, inputs, vectorized=True),
     }
     for word, result in results.items():
