@@ -360,6 +360,12 @@ def test_other_exit_codes_may_be_a_success(tmp_path: Path) -> None:
     assert CommandSimulator([program], base=tmp_path, success_codes=(0, 3)).run_one({}, {}) == 5
 
 
+def test_an_outcome_beside_another_exit_code_is_told(tmp_path: Path) -> None:
+    assert "success_codes = [0, 3]" in failing(tmp_path, "echo 5; exit 3").message
+    for text in ("echo five; exit 3", "echo 5; kill -9 $$"):
+        assert "success_codes" not in failing(tmp_path, text).message
+
+
 def test_failed_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
     for k in range(100):
         (tmp_path / f"failed_runs/{k}").mkdir(parents=True)

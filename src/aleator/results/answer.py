@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from aleator.observations.gross_errors import gross_errors
-from aleator.results.findings import findings
+from aleator.results.findings import answers_to_questions, findings
 from aleator.results.printed import (
     NONE,
     THRESHOLDS,
@@ -57,14 +57,18 @@ def answer(document: Document) -> Content:
 
 
 def brief(document: Document) -> Content:
-    """The estimates, how many experiments were left out, and both verdicts without the reasons."""
+    """The answers to questions, the estimates, how many experiments were left out, the verdicts.
+
+    The verdicts stand without their reasons.
+    """
     said = [replace(each, text=f"{each.text.split(':')[0].rstrip('.')}.", remedy="")
             for each in verdicts(document)]  # fmt: skip
     silent = sum(each.get("observations") == 0 for each in document["experiments"])
     of = f"{silent} of {count(len(document['experiments']), 'experiment')}"
     left = [Sentence(f"Left out: {of}, without a measured value or without any run that works.")]
     chapter = Chapter("estimates", "Estimates", [estimates(document)])
-    return Content("", (), [chapter], (), [*(left if silent else []), *said])
+    asked = [*answers_to_questions(document)]
+    return Content("", asked, [chapter], (), [*(left if silent else []), *said])
 
 
 def is_individual(document: Document) -> bool:

@@ -58,7 +58,7 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     """
     doubt = Sentence("the numbers below may be wrong.", "bad", "Not computed soundly")
     return (
-        *(() if _sound(document) else (doubt,)), *_laws(document), *_answers(document),
+        *(() if _sound(document) else (doubt,)), *_laws(document), *answers_to_questions(document),
         *_constants(document), *_held(document), *_noise(document), *_new(document),
     )  # fmt: skip
 
@@ -278,7 +278,7 @@ CAUTIONS = {
 """What a sentence adds to an answer by its status."""
 
 
-def _answers(document: Document) -> Iterator[Sentence]:
+def answers_to_questions(document: Document) -> Iterator[Sentence]:
     """A sentence for each answer to a question: under which conditions, and what was answered."""
     for entry in document.get("answers") or ():
         answer: OutcomeAnswer = typed(OutcomeAnswer, entry)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -60,8 +60,8 @@ def look_document(
                 "name": plan.names[i],
                 "lower": plan.region[i, 0],
                 "upper": plan.region[i, 1],
-                "moves": {r: float(np.nanmedian(look.swing[own, j])) for r, own in of.items()},
-                "moves_at_most": {r: float(np.nanmax(look.swing[own, j])) for r, own in of.items()},
+                "moves": {r: _known(np.median, look.swing[own, j]) for r, own in of.items()},
+                "moves_at_most": {r: _known(np.max, look.swing[own, j]) for r, own in of.items()},
                 "influence": not look.without_influence[j],
                 "values": plan.x[plan.star[j], i],
             }
@@ -104,6 +104,12 @@ def look_document(
             "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
         },
     }
+
+
+def _known(of: Callable[[Array], Any], values: Array) -> float:
+    """A statistic of the known values; NaN if none is known."""
+    known = values[~np.isnan(values)]
+    return float(of(known)) if known.size else float("nan")
 
 
 def _range(lower: Array, upper: Array) -> list[float]:

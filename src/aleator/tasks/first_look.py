@@ -290,7 +290,10 @@ class Look:
 
     @property
     def without_influence(self) -> Flags:
-        """Which of the n' varied parameters have no effect on any outcome, alone or at corners."""
+        """Which of the n' varied parameters have no effect on any outcome, alone or at corners.
+
+        None has if every run failed: then nothing is known of effects.
+        """
         low, high = self.untransformed(self.reached).T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -301,7 +304,8 @@ class Look:
             for j, pairs in enumerate(self.plan.edges):
                 apart = np.abs(np.diff(own[:, pairs], axis=2)[:, :, 0])
                 swing[:, j] = np.fmax(swing[:, j], np.fmax.reduce(apart, axis=1, initial=0.0))
-        return np.asarray(np.all(~(swing > least[:, None]), axis=0))
+        worked = self.failed < self.runs
+        return np.asarray(np.all(~(swing > least[:, None]), axis=0) & worked)
 
 
 def planned_look(

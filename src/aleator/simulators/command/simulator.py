@@ -29,7 +29,7 @@ from aleator.simulators.command.inputs import (
     write_input,
 )
 from aleator.simulators.command.outputs import Output, OutputFile
-from aleator.simulators.command.run import STDIN, Folder, Keep, Limits, contents, run
+from aleator.simulators.command.run import STDIN, Folder, Keep, Limits, contents, log, run
 from aleator.simulators.protocol import (
     Returned,
     RunFailed,
@@ -38,7 +38,7 @@ from aleator.simulators.protocol import (
     require_distinct,
     require_file,
 )
-from aleator.simulators.surroundings import STOP_ON, prevented, require_space
+from aleator.simulators.surroundings import STOP_ON, exit_status, prevented, require_space
 
 # The placeholder for the study's folder. A program runs in another folder.
 STUDY = "study"
@@ -336,14 +336,37 @@ class CommandSimulator:
             for path, feed in (fed | ({folder / STDIN: self.stdin} if self.stdin else {})).items():
                 write_input(path, feed, plain, values)
             settings = self.program.settings(values)
-            run(self.program.arguments(values), folder, settings, self._limits)
-            found = {
-                name: self._read(one, folder, varying) for name, one in self._outputs().items()
-            }
+            code = run(self.program.arguments(values), folder, settings, self._limits)
+            found = self._found(code, folder, varying)
         except RunFailed as failure:
             raise self._limits.judged(failure, folder) from failure.__cause__
         require_space(folder)
         return found
+
+    def _found(self, code: int, folder: Path, varying: Mapping[str, list[Value]]) -> dict[str, Any]:
+        """The outcomes by response in the folder of a run that ended with an exit code.
+
+        Raises RunFailed for outcomes that are not there, and for the exit code of a failure. That
+        message says whether the outcomes are there all the same.
+        """
+        wrong = f"it ended with {exit_status(code)}"
+        try:
+            found = {
+                name: self._read(one, folder, varying) for name, one in self._outputs().items()
+            }
+        except RunFailed:
+            if code in self.success_codes:
+                raise
+            raise RunFailed(wrong, log(folder)) from None
+        if code in self.success_codes:
+            return found
+        if code < 0:  # A signal ended it.
+            raise RunFailed(wrong, log(folder))
+        codes = ", ".join(map(str, [*self.success_codes, code]))
+        raise RunFailed(
+            f"{wrong}, although the outcome is there (success_codes = [{codes}], if the program "
+            "always ends so)", log(folder)
+        )  # fmt: skip
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
         """Run R times, one after the other. On a failure RunStopped has the outcomes before it."""
