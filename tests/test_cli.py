@@ -117,7 +117,10 @@ def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Pat
     (answer,) = document["answers"]
     assert answer["at"] == {"load": 10.0}
     assert 5.0 < answer["lower"] < 10.0 * 1.02 < answer["upper"] < 15.0
-    assert f"between {answer['lower']:.3g} and {answer['upper']:.3g}" in shown.stdout
+    said = f"between {answer['lower']:.3g} and {answer['upper']:.3g}"
+    assert said in shown.stdout
+    briefly = done("show", "result", "--quiet").stdout
+    assert 0 < briefly.index(said) < briefly.index("softness.mean")
     assert document["runs_by_stage"]["questions"] > 0
     assert "softness.mean" in shown.stdout
     assert "search ..." in shown.stderr

@@ -1,6 +1,7 @@
 """A first study from a table and a simulator: what is recognized, asked and written."""
 
 import importlib.util
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -459,6 +460,21 @@ def test_what_is_missing_or_wrong_is_told_with_its_option(folder: Path, case: st
     said = refused("new", *arguments)
     assert told in said
     assert not Path("study.toml").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_share_is_the_error_of_each_outcome_and_an_sd_that_of_one() -> None:
+    table("force,lower end,upper", *np.arange(1.0, 19.0).reshape(3, 6))
+    Path("model.py").write_text("def spring(force, give): return [force * give, force + give]\n")
+    asked = ["new", "parts.csv", "--function", "model.py", "--parameter", "give=1:3"]
+    asked += ["--outcome", "lower end", "--outcome", "upper"]
+    remedy = refused(*asked, "--noise", "0.4")
+    for name in ("lower end", "upper"):
+        (head,) = re.findall(rf"\[noise\.\"?{name}\"?\]", remedy)
+        assert tomllib.loads(head) == {"noise": {name: {}}}
+    done(*asked, "--noise", "0.4%")
+    noise = tomllib.loads(Path("study.toml").read_text())["noise"]
+    assert noise == {name: {"relative": 0.004} for name in ("lower end", "upper")}
 
 
 def table(head: str, *columns: object) -> None:

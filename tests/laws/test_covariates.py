@@ -285,8 +285,17 @@ def test_a_level_of_one_experiment_and_an_empty_cell_are_told_with_the_experimen
 
 def test_a_level_that_no_experiment_had_is_told() -> None:
     inputs = one(Normal(By("1 + by", 0.0, 1.0), 1.0))
-    with pytest.raises(InputsError, match="'z' is not among"):
+    with pytest.raises(InputsError, match="'z' is not among") as caught:
         inputs.resolved(TABLE.assign(by="z"))
+    assert caught.value.remedy.endswith(f"one of {', '.join(sorted({*TABLE['by']}))}")
+    levels = TABLE.assign(by=[1, 1, 2, 2, 3, 3])
+    design = DesignMatrix.of("1 + C(by) + t", levels)
+    assert design.at(levels).matrix.tolist() == design.matrix.tolist()
+    with pytest.raises(InputsError, match="'4' is not among") as caught:
+        design.at(levels.assign(by=4))
+    assert caught.value.remedy.endswith("one of 1, 2, 3")
+    with pytest.raises(InputsError, match="'c' is not among those of the formula"):
+        DesignMatrix.of("1 + C(by, levels=['a', 'b'])", TABLE.assign(by=[*"aabbcc"]))
 
 
 def test_what_asks_for_one_law_of_all_experiments_is_refused() -> None:

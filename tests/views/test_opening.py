@@ -22,7 +22,7 @@ from aleator.views.figures import experiments_figure
 from aleator.views.identification import identification, render
 from aleator.views.law_charts import law_chart, profile_chart, profile_line
 from aleator.views.measured import measured
-from aleator.views.opening import outcome_chart
+from aleator.views.opening import opening_charts, outcome_chart
 
 END = 1.959963984540054
 
@@ -320,7 +320,7 @@ def test_two_conditions_that_decide_together_are_told_apart_by_color() -> None:
     assert ordered[0] < 1.0 < ordered[1]
 
 
-def test_a_series_is_drawn_as_curves_under_the_conditions_of_most_experiments() -> None:
+def test_a_series_is_drawn_as_curves_and_what_is_asked_about_comes_first() -> None:
     amplitude, time = {"A": 20.0, "B": 40.0, "C": 40.0, "D": 30.0}, [1.0, 2.0, 3.0]
     rows = [(one, at, amplitude[one] * np.cos(at)) for one in amplitude for at in time]
     document = {
@@ -338,6 +338,12 @@ def test_a_series_is_drawn_as_curves_under_the_conditions_of_most_experiments() 
         },
     }  # fmt: skip
     (seen,) = measured(document)
+    sway = dataclasses.replace(seen, response="sway")
+    pairs = [(seen, seen.series(0)), (sway, sway.series(1))]
+    for asked, first in ((), "angle"), (("length", "sway", "angle"), "sway"):
+        answers = [{"outcome": name} for name in asked]
+        (opened,) = opening_charts({**document, "answers": answers}, pairs)
+        assert opened.title.startswith(first)
     chart = outcome_chart(seen, seen.series(), "time", noise=True)
     assert (chart.x.title, chart.marks[0].shape) == ("time", "band")
     assert chart.marks[0].array("high") == pytest.approx(40.0 * np.cos(time) + END)

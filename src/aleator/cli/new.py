@@ -483,7 +483,7 @@ SCHEMA = "study.schema.json"
     callback=_known_error,
     metavar="SD|SHARE%",
     help="The known standard deviation of the measurement error, in the unit of the outcome "
-    "(of its logarithm where that is proposed), or a share of the value: 1%.",
+    "(of its logarithm where that is proposed), or a share of the value, for each outcome: 1%.",
 )
 @click.option(
     "--series", is_flag=True, help="A run serves all rows of an experiment: arrays of times."

@@ -91,20 +91,25 @@ class DesignMatrix:
         level that the first experiments do not have.
         """
         require_complete(self.formula, covariates)
+        _require_known_levels(self, covariates)
         found = _columns(self.formula, self.state, covariates)
         return DesignMatrix(self.formula, self.names, np.asarray(found, dtype=float), self.state)
 
     @property
+    def levels(self) -> dict[str, list[Any]]:
+        """The levels of each column of the table whose entries the formula takes as levels."""
+        found = {
+            re.sub(r"^C\((\w+).*\)$", r"\1", str(factor)): [*state["categories"]]
+            for factor, (kind, state) in self.state.encoder_state.items()
+            if kind.value == "categorical"
+        }
+        known = variables(self.formula)
+        return {name: levels for name, levels in found.items() if name in known}
+
+    @property
     def factors(self) -> tuple[str, ...]:
         """The columns of the table whose entries the formula takes as levels."""
-        kinds = {str(factor): kind.value for factor, (kind, _) in self.state.encoder_state.items()}
-        named = [
-            re.sub(r"^C\((\w+).*\)$", r"\1", factor)
-            for factor, kind in kinds.items()
-            if kind == "categorical"
-        ]
-        known = variables(self.formula)
-        return tuple(name for name in dict.fromkeys(named) if name in known)
+        return tuple(self.levels)
 
     @property
     def base(self) -> Flags:
@@ -347,9 +352,8 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
     except DataMismatchWarning as error:
         level = re.search(r"\{(.*?)\}", str(error))
         raise InputsError(
-            f"'{formula}': the level {level[1] if level else ''} is not among those that the law "
-            "was identified with",
-            "its coefficient is not known; use a level that the experiments have",
+            f"'{formula}': the level {level[1] if level else ''} is not among those of the formula",
+            "add it to them, or leave out the experiments that have it",
         ) from None
     except (FormulaicError, ValueError) as error:
         raise _unreadable(formula, error) from None
@@ -372,6 +376,24 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
         f"'{formula}' is no formula of covariates: {cause}",
         'write terms with + between them, such as "1 + temperature + C(supplier)"',
     )
+
+
+def _require_known_levels(design: DesignMatrix, covariates: Table) -> None:
+    """Raise InputsError for a level that the experiments of the formula do not have."""
+    for name, levels in design.levels.items():
+        new = covariates[name][~covariates[name].isin(levels)]
+        if len(new):
+            known, level = [_spoken(one) for one in levels], _spoken(new.iloc[0])
+            raise InputsError(
+                f"'{design.formula}': the level '{level}' is not among those of {name} that the "
+                f"law was identified with{nearest(level, known)}",
+                f"its coefficient is not known; use one of {', '.join(known)}",
+            )
+
+
+def _spoken(level: object) -> str:
+    """A level as a reader writes it: whole numbers have no decimals."""
+    return str(level).removesuffix(".0")
 
 
 def _require_levels(design: DesignMatrix, covariates: Table) -> None:

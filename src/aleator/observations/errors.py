@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from aleator.core.blocks import blocks
+from aleator.core.toml_text import key
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError
 from aleator.laws import Hyperparameter
@@ -606,7 +607,7 @@ def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping
             raise ExperimentsError(
                 f"one noise for the {len(names)} responses {', '.join(names)}",
                 f'give each its own: noise={{"{names[0]}": Noise(...), ...}}, or in a study '
-                f"[noise.{names[0]}] and so on",
+                f"[noise.{key(names[0])}] and so on",
             )
         return {names[0]: noise}
     require_responses(noise, names, "noise")
@@ -614,6 +615,7 @@ def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping
         if name not in noise:
             raise ExperimentsError(
                 f"the response '{name}' has no noise",
-                f'give it one: noise={{"{name}": Noise(...), ...}}, or in a study [noise.{name}]',
+                f'give it one: noise={{"{name}": Noise(...), ...}}, or in a study '
+                f"[noise.{key(name)}]",
             )
     return {name: noise[name] for name in names}

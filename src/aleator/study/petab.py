@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from aleator.core.arithmetic import NoArithmeticError, require_arithmetic, tree
+from aleator.core.toml_text import key, written
 from aleator.errors import ExperimentsError, StudyError
 from aleator.observations import tables
 from aleator.observations.tables import Table
-from aleator.study.proposal_text import key, line, remarked, written
+from aleator.study.proposal_text import line, remarked
 
 FUNCTION = "simulate"
 """The name of the function that simulates the model, in the file that is written for it."""

@@ -10,6 +10,7 @@ from difflib import get_close_matches
 
 import numpy as np
 
+from aleator.core.toml_text import key
 from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.gross_errors import odd_repeats, slips
 from aleator.observations.outcomes import Censoring
@@ -383,16 +384,19 @@ def with_noise(proposal: Proposal, sd: float, *, relative: bool = False) -> Prop
     """The proposal with the standard deviation `sd` of the measurement error that the user knows.
 
     It is that of the logarithm if a logarithm is proposed. A `relative` one is a share of the
-    simulated value, which is the same of a logarithm. Raises ExperimentsError for several
-    outcomes, each of which has an error of its own.
+    simulated value, which is the same of a logarithm, and holds for each outcome. Raises
+    ExperimentsError for one that is not, with several outcomes: each has an error of its own.
     """
-    if len(proposal.outcomes) > 1:
+    if len(proposal.outcomes) > 1 and not relative:
+        tables = ", ".join(f"[noise.{key(name)}]" for name in proposal.outcomes)
         raise ExperimentsError(
             f"one measurement error is given, and there are {len(proposal.outcomes)} outcomes",
-            f"write sd into [noise.{proposal.outcomes[0]}] and the others in the study file",
+            f"leave it out and write sd into {tables} of the study file, or give a share of the "
+            "values, such as 1%, which is taken for each",
         )
     share = relative and not proposal.log
-    return replace(proposal, noise={proposal.outcomes[0]: sd}, stated=True, relative=share)
+    noise = dict.fromkeys(proposal.outcomes, sd)
+    return replace(proposal, noise=noise, stated=True, relative=share)
 
 
 def _needs_noise(table: Table, outcomes: Sequence[str], laws: int) -> bool:

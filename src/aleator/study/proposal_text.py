@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from aleator.core.toml_text import key, written
 from aleator.study.offers import Offer, SimulatorInput, without_unit, written_by
 from aleator.study.proposal import Proposal, Proposed
 
@@ -468,27 +468,6 @@ def remarked(text: str, remark: str) -> str:
         if len(text) <= WRITTEN.column
         else f"# {remark}:\n{text}"
     )
-
-
-def key(name: str) -> str:
-    """A name as a key of TOML, in quotes if TOML requires them."""
-    bare = all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
-    return name if name and bare else written(name)
-
-
-def written(value: object) -> str:
-    """The text of a value in the notation of TOML.
-
-    >>> written([1.0, 0.5]), written("a\\tb"), written({"file": "x"})
-    ('[1.0, 0.5]', '"a\\\\tb"', '{file = "x"}')
-    """
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key(k)} = {written(v)}' for k, v in value.items())}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(written, value))}]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False)
 
 
 def ends(limits: tuple[float, float]) -> str:

@@ -123,8 +123,8 @@ def _content(document: Document, drawn: Drawn | None) -> Content:
     title = short.title or "Identification"
     opening = [*short.opening]
     if drawn is not None:
-        first = (drawn.measured[0], drawn.sources[0]) if drawn.measured else None
-        opening += opening_charts(document, first, drawn.individuals, drawn.ceiling)
+        pairs = [*zip(drawn.measured, drawn.sources, strict=True)]
+        opening += opening_charts(document, pairs, drawn.individuals, drawn.ceiling)
     return Content(
         title, short.lead, [section for section in made if section.parts], warnings(document),
         verdicts(document), opening,

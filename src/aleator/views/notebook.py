@@ -53,9 +53,8 @@ def _pictures(document: Document) -> str:
 
 
 def _drawings(document: Document) -> Iterator[str]:
-    seen = measured(document)
-    first = (seen[0], seen[0].thinned().series()) if seen else None
-    for chart in opening_charts(document, first):
+    seen = [(one, one.thinned().series()) for one in measured(document)]
+    for chart in opening_charts(document, seen):
         spoken = escape(quoted(chart.spoken))
         frame = f'<figure style="margin:0 1em 0 0" role="img" aria-label="{spoken}">'
         yield f"{frame}{svg(chart)}</figure>"

@@ -5,7 +5,7 @@ Bands are those of the law before an experiment is seen, so that a point can lie
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,14 +66,18 @@ OPENING = OpeningSettings()
 
 def opening_charts(
     document: Document,
-    first: tuple[MeasuredValues, Series] | None,
+    measured: Sequence[tuple[MeasuredValues, Series]],
     individuals: Individuals | None = None,
     ceiling: Document | None = None,
 ) -> Iterator[Chart]:
-    """The outcomes of the `first` response in the bands of the law, and the first laws.
+    """The outcomes of one of the `measured` responses in the bands of the law, and the first laws.
 
-    The laws stand beside the outcomes, two of them in the same row of a page.
+    The response is that of the first question of the study about one, else the first of all. The
+    laws stand beside the outcomes, two of them in the same row of a page.
     """
+    shown = {seen.response: (seen, source) for seen, source in measured}
+    asked = [answer["outcome"] for answer in document.get("answers") or ()]
+    first = next((shown[name] for name in (*asked, *shown) if name in shown), None)
     if first is not None and first[0].by_law and len(first[0]):
         noise = bool(document.get("quadrature"))
         yield outcome_chart(*first, varying(document), noise=noise)
