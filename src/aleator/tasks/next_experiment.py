@@ -33,6 +33,7 @@ from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import documents, printed
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
+from aleator.tasks.arguments import require_kind
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import PredictionContext
 from aleator.tasks.prediction import compared
@@ -390,6 +391,9 @@ def next_experiments(
     ('x.sd', ('3',))
     """
     progress = progress or Silent()
+    require_kind(found, Identification, "found", "identify(...), or load(...)")
+    if about is not None:
+        require_kind(about, (str, Predicted), "about", '"x.sd", "all" or Predicted(...)')
     found = found.with_fit(progress)
     fit, session = found.fit, found.session
     conditions = session.requested(candidates)
