@@ -176,6 +176,9 @@ def test_a_simulator_without_conditions_is_asked_without_any() -> None:
         noise=0.01, consistency=False, best_law=False,
     )  # fmt: skip
     alone = replace(found, session=replace(found.session, experiments=None))
+    with pytest.raises(AleatorError) as caught:
+        found.predict({"load": 1.0})
+    assert "leave it out" in caught.value.remedy
     for one in (found, alone):
         assert one.predict({}, uncertainty=False)["q0.5"][0] == pytest.approx(1.0, abs=0.01)
 
