@@ -261,6 +261,21 @@ def test_misuse_of_next_is_told_before_anything_is_run(given: str, told: str) ->
     assert not Path("runs.sqlite").exists()
 
 
+@pytest.mark.usefixtures("to_measure")
+def test_candidates_of_a_level_that_no_experiment_has_are_told_before_anything_is_run() -> None:
+    table = pd.read_csv("springs.csv")
+    table.assign(oil=["a", "b"] * 12).to_csv("springs.csv", index=False)
+    study = NEXT.replace("mean = {", 'mean = {formula = "1 + oil", ')
+    write(
+        model="def length(load, softness): return load * softness\n",
+        study=study,
+        new="id,load,oil\nA,1,a\nB,1,c\n",
+    )
+    asked = ("next", "study.toml", "--candidates", "new.csv", "--count", "1")
+    assert "the level 'c'" in refused(*asked)
+    assert not Path("runs.sqlite").exists()
+
+
 # ------------------------------------------------------------------------------ bootstrap, ceiling
 
 LEVELS = """

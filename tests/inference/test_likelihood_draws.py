@@ -103,6 +103,25 @@ def test_a_ridge_too_thin_for_the_evaluations_is_told_and_not_drawn() -> None:
     assert not found.alpha
 
 
+@pytest.mark.parametrize("corner", [True, False])
+def test_where_no_draw_has_a_likelihood_there_are_no_draws(corner: bool) -> None:
+    """In a corner of 20 limits hardly any candidate lies inside, and a spike has none beside it."""
+    size = 20 if corner else 2
+
+    def objective(alpha: Array) -> LogLikelihood:
+        value = 0.0 if corner or np.all(alpha == 0.5) else -np.inf
+        return LogLikelihood(np.array([value]), np.zeros((1, size)), np.zeros(1, np.int64))
+
+    at, unsure = np.full(size, 0.0 if corner else 0.5), np.full((size, 2), np.nan)
+    told = Estimated(
+        at, unsure[:, 0], unsure, np.tile([0.0, 1.0], (size, 1)),
+        at < 1.0, at > 1.0, np.arange(size), np.eye(size),
+    )  # fmt: skip
+    assert draws_by_likelihood(told, objective, [at] * 30) is None
+    found = plausible_laws(told, objective, [at] * 30)
+    assert (found.status, found.effective, found.alpha) == ("poor", None, ())
+
+
 def test_nothing_uncertain_is_evaluated_nowhere() -> None:
     told = known([1.0, 1.0], np.full(2, np.nan), np.full((2, 2), np.nan), 0.0)
     told.free[:] = False

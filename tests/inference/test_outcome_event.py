@@ -15,6 +15,7 @@ UNITS = {"travel": "mm", "shifting time": "s"}
     ("sentence", "outcome", "inside", "outside"),
     [
         ("travel > 26", "travel", [26.1, 1e9], [26.0, 25.9, -1e9]),
+        ("travel > 1234567.5", "travel", [1234567.6], [1234567.5]),
         ("26<travel", "travel", [26.1], [26.0]),
         ("travel >= 26", "travel", [26.0], [25.999]),
         ("travel < -2.6e1 mm", "travel", [-26.1], [-26.0, 0.0]),

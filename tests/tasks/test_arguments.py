@@ -25,6 +25,7 @@ from aleator import (
     Identification,
     Inputs,
     LogNormal,
+    Mixture,
     Noise,
     Normal,
     Runner,
@@ -109,6 +110,9 @@ class Frame:
         (lambda: asked(law={"slope": Normal}), "Normal(...)"),
         (lambda: asked(law={"slope": (1.0, 3.0)}), "TruncatedNormal(box=(1.0, 3.0))"),
         (lambda: asked(law={"slope": 2.0}), "Constant(2.0)"),
+        (lambda: Mixture(Normal(1.0, 0.1), Normal(2.0, 0.1)), "Mixture([Normal("),  # type: ignore[arg-type]
+        (lambda: Mixture([2.0, Normal(2.0, 0.1)]), "Constant(2.0)"),  # type: ignore[arg-type, list-item]
+        (lambda: Normal(Free(math.nan, 1.0), 0.1), "a lower and an upper limit"),
         (lambda: asked(law={"slope": Free(1.0, 3.0)}), "Constant(Free("),
         (lambda: asked(law={"slope": stats.norm(2.0, 0.1)}), "ScipyLaw("),
         (lambda: asked(table=TABLE.to_dict("records")), "pandas.DataFrame(rows)"),
@@ -149,8 +153,12 @@ def test_wrong_questions_are_told_the_right_call() -> None:
         (lambda: found.predict({}), "give load"),
         (lambda: found.predict({"load": 1.0}, uncertainty="no"), "found.draws("),
         (lambda: found.probability(26.0), "'travel > 26'"),
-        (lambda: found.tolerance(95, 90), "found.tolerance(0.95, 0.90"),
-        (lambda: found.tolerance(TABLE), "found.tolerance(0.95, 0.90"),
+        (lambda: found.tolerance(95, 90), "0.95 and 0.90"),
+        (lambda: found.tolerance(TABLE), "0.95 and 0.90"),
+        (lambda: found.tolerance(outcome="slope"), "travel"),
+        (lambda: found.draws(0), "one or more"),
+        (lambda: aleator.next_experiments(found, TABLE, 1, about=["slope.sd"]), "Predicted(...)"),
+        (lambda: aleator.next_experiments({}, TABLE, 1), "identify(...)"),
         (lambda: found.tolerance(outcome="heat", side="upp"), '"upper"'),
     ):
         with pytest.raises(AleatorError) as caught:
@@ -168,6 +176,9 @@ def test_a_simulator_without_conditions_is_asked_without_any() -> None:
         noise=0.01, consistency=False, best_law=False,
     )  # fmt: skip
     alone = replace(found, session=replace(found.session, experiments=None))
+    with pytest.raises(AleatorError) as caught:
+        found.predict({"load": 1.0})
+    assert "leave it out" in caught.value.remedy
     for one in (found, alone):
         assert one.predict({}, uncertainty=False)["q0.5"][0] == pytest.approx(1.0, abs=0.01)
 

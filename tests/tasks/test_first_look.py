@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
+from aleator import By, Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
 from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
+from aleator.observations.model import NormalError, StudentError
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.first_look import (
@@ -97,6 +98,25 @@ def test_noise_that_repeats_contradict_is_told_and_the_scatter_of_a_law_is_not()
         other = Runner(spring, alone, law.names)
         both.append(understated_noise(other, alone, law, Noise(0.01)))
     assert [*map(bool, both)] == [False, True]
+
+
+def test_constants_by_covariates_and_errors_with_long_tails_are_no_understated_noise() -> None:
+    """Two oils with constants of their own, 5 apart, and repeats with an sd of 0.1."""
+    rng = np.random.default_rng(1)
+    oil = np.repeat(["a", "b"], 12)
+    y = np.where(oil == "a", 10.0, 15.0) + 0.1 * rng.standard_normal(24)
+    table = Experiments.from_frame(pd.DataFrame({"oil": oil, "travel": y}), outcome="travel")
+    found = {}
+    for formula in ("1", "1 + oil"):
+        inputs = Inputs({"shift": Constant(By(formula, 0.0, 20.0))})
+        runner = Runner(lambda shift: shift, table, inputs.names)
+        found[formula] = understated_noise(runner, table, inputs, Noise(0.1))
+    assert found["1"]["travel"]["df"] == 23
+    assert not found["1 + oil"]
+    same = Inputs({"shift": Constant(3.0)})
+    tails, normal = (Noise(0.5, kind=kind) for kind in (StudentError(2.0), NormalError()))
+    assert understated_noise(runner, table, same, normal)
+    assert not understated_noise(runner, table, same, tails)
 
 
 def test_a_law_with_a_known_mean_is_looked_at_as_far_as_its_sd_may_reach() -> None:

@@ -185,6 +185,14 @@ def test_misuse_is_told() -> None:
         next_experiments(found, asked(), about=Predicted(asked(), event="length > 1"))
     with pytest.raises(AleatorError, match="standard deviations lead to the event"):
         next_experiments(found, asked(), about=Predicted(asked(), event="y > 1e4"))
+    law = {"x": Normal(1.0, 0.2)}
+    fixed = unjudged(
+        springs, data(0.4), law, outcome="y", noise=Noise(NOISE), vectorized=True,
+        verification=Check(0),
+    )  # fmt: skip
+    for about in (None, "all", Predicted(asked(), quantile=0.9)):
+        with pytest.raises(AleatorError, match="no hyperparameter is free"):
+            next_experiments(fixed, asked(), about=about)
 
 
 def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:

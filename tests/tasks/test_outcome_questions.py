@@ -115,6 +115,11 @@ def test_what_cannot_be_asked_is_refused_before_any_run() -> None:
         with pytest.raises(AleatorError, match=name) as caught:
             found(counting, EVENT, question, vectorized=False)
         assert "questions[1]" in caught.value.problem
+    with pytest.raises(AleatorError, match="questions is an OutcomeQuestion"):
+        aleator.identify(
+            counting, table(), {"give": Normal(Free(0.5, 1.5), 0.1)}, outcome="way", noise=0.05,
+            questions=EVENT, vectorized=False,
+        )  # type: ignore[call-overload]  # fmt: skip
     assert called == []
 
 

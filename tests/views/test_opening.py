@@ -10,7 +10,18 @@ import pytest
 from reports import experiment, printed, result
 from scipy import optimize, stats
 
-from aleator import AleatorError, By, Check, Experiments, Free, Inputs, Noise, Normal, identify
+from aleator import (
+    AleatorError,
+    By,
+    Check,
+    Experiments,
+    Free,
+    Inputs,
+    Noise,
+    Normal,
+    Uniform,
+    identify,
+)
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.law_ranges import law_ranges
 from aleator.inference.pictures import PICTURES, law_bands, law_bands_by_level
@@ -48,6 +59,20 @@ def test_the_ends_of_a_normal_law_are_sure_to_the_error_of_its_mean() -> None:
     assert half == pytest.approx(0.2 * END, rel=1e-3)
     assert not found.follows
     assert found.level is None
+
+
+def test_intervals_hold_the_estimate_where_an_sd_ends_on_its_limit() -> None:
+    """All draws of an sd at its lower limit of 0.1 are larger: those of its law are wider."""
+    inputs = Inputs({"k": Uniform(1.0, Free(0.1, 1.0))})
+    sds = 0.1 + 0.05 * stats.halfnorm.ppf((np.arange(400) + 0.5) / 400)
+    alpha = np.column_stack([np.ones(400), sds])
+    found = law_ranges(inputs, inputs.hyperparameters, draws([1.0, 0.1], alpha), 1)["k"]
+    assert found.lower_interval is not None
+    assert found.lower_interval[1] == found.lower == pytest.approx(1.0 - 0.95 * 0.1 * 3.0**0.5)
+    interval = found.quantities["upper"].interval
+    assert interval is not None
+    assert interval[0] == found.quantities["upper"].estimate == pytest.approx(1.0 + 0.1 * 3.0**0.5)
+    assert interval[1] == pytest.approx(1.0 + (0.1 + 0.05 * 2.2414) * 3.0**0.5, rel=1e-3)
 
 
 def test_where_a_hyperparameter_has_no_error_the_ends_have_none() -> None:

@@ -26,6 +26,7 @@ from aleator.cli.running import (
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
 from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.outcome_question import require_laws_at
 from aleator.observations.experiments import Conditions
 from aleator.results.printed import count
 from aleator.study import Study
@@ -284,6 +285,9 @@ def next(
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
     at = None if for_prediction is None else value.read_conditions(for_prediction)
     predicted = _predicted(value, at, quantile, event, no_noise)
+    for new in (table, at):
+        if new is not None:
+            require_laws_at(new, value.inputs, value.experiments, None)
     with work.running() as (runner, progress):
         found = work.answered(answer, runner, progress)
         session, surface = found.session, found.surface

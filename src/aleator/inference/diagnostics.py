@@ -500,14 +500,18 @@ def plausible_warnings(plausible: PlausibleLaws) -> list[Diagnostic]:
     """A warning where no draws of alpha represent the likelihood."""
     if plausible.status != "poor":
         return []
-    share, effective = plausible.agreement or 0.0, plausible.effective or 0.0
+    share, effective = plausible.agreement, plausible.effective or 0.0
+    normal = (
+        "without standard errors there are no normal draws of the hyperparameters"
+        if share is None
+        else f"the likelihood accepts {share:.0%} of normal draws of the hyperparameters"
+    )
     return [
         Diagnostic(
             "predictions",
-            "the laws that the experiments leave plausible could not be drawn: the likelihood "
-            f"accepts {share:.0%} of normal draws of the hyperparameters, and draws by the "
-            f"likelihood count as {effective:.2g}. Predictions with uncertainty, and the ranges of "
-            "laws, may be far too wide, and means and probabilities wrong",
+            f"the laws that the experiments leave plausible could not be drawn: {normal}, and "
+            f"draws by the likelihood count as {effective:.2g}. Predictions with uncertainty, and "
+            "the ranges of laws, may be far too wide, and means and probabilities wrong",
             "compare with predictions at the estimate, or fix a hyperparameter",
         )
     ]

@@ -48,11 +48,12 @@ def law_ranges(
     """The 95 % range of each scattering parameter, by name, for `count` experiments.
 
     q_p = F^-1(p | alpha) for p = 2.5 and 97.5 %, at the estimate; the interval of an end is that of
-    the same quantiles of q_p over the `draws` of alpha, and so are those of the law's quantities
-    (`Law.customary`). `hyperparameters` (K,) are those of alpha. If a law follows covariates, F is
-    the mean of the laws of the experiments; if one of them is a factor of few levels, each level
-    has its range too, which takes the `covariates` of the experiments. A law without finite
-    quantiles is left out. Cost: milliseconds, with covariates a second.
+    the same quantiles of q_p over the `draws` of alpha, made longer where the estimate lies beyond,
+    and so are those of the law's quantities (`Law.customary`). `hyperparameters` (K,) are those of
+    alpha. If a law follows covariates, F is the mean of the laws of the experiments; if one of them
+    is a factor of few levels, each level has its range too, which takes the `covariates` of the
+    experiments. A law without finite quantiles is left out. Cost: milliseconds, with covariates a
+    second.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(2.0, 0.5)})
@@ -99,9 +100,20 @@ def _ends(of: Callable[[Array], Array], draws: AlphaDraws) -> Array:
 def _told(ends: Array, *, known: bool) -> dict[str, Any]:
     """The fields of `LawEnds` for ends (3, 2); without intervals if these are not `known`."""
     (lower, upper), *sure = ends.tolist()
-    intervals = [*zip(*sure, strict=True)] if known and np.all(np.isfinite(sure)) else [None, None]
-    return {"lower": lower, "upper": upper,
-            "lower_interval": intervals[0], "upper_interval": intervals[1]}  # fmt: skip
+    known = known and bool(np.all(np.isfinite(sure)))
+    below, above = (
+        _with_estimate(end, interval) if known else None
+        for end, interval in zip((lower, upper), zip(*sure, strict=True), strict=True)
+    )
+    return {"lower": lower, "upper": upper, "lower_interval": below, "upper_interval": above}
+
+
+def _with_estimate(value: float, interval: tuple[float, float]) -> tuple[float, float]:
+    """An interval of draws, as wide as it contains the estimate too.
+
+    Draws of an sd whose estimate is its lower limit are all larger.
+    """
+    return min(interval[0], value), max(interval[1], value)
 
 
 def _quantities(
@@ -116,7 +128,7 @@ def _quantities(
     for q, (name, value) in enumerate(estimate.items()):
         low, high = quantiles(each[:, q], draws.weights, ENDS).tolist()
         sure = known and np.isfinite(low) and np.isfinite(high)
-        found[name] = LawQuantity(value, (low, high) if sure else None)
+        found[name] = LawQuantity(value, _with_estimate(value, (low, high)) if sure else None)
     return found
 
 

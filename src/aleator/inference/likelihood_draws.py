@@ -122,7 +122,7 @@ def draws_by_likelihood(
     near: Sequence[Array] = (),
     settings: LikelihoodDrawSettings = LIKELIHOOD_DRAWS,
 ) -> AlphaDraws | None:
-    """Weighted draws of alpha along the likelihood; None where no place near has a likelihood.
+    """Weighted draws of alpha along the likelihood; None where no draw has a likelihood.
 
     Incremental mixture importance sampling (Raftery and Bao, 2010): draws from a mixture of normal
     approximations, with weights L(alpha) prior(alpha)/q(alpha), where q is the density of the whole
@@ -152,8 +152,10 @@ def draws_by_likelihood(
         count, highest = settings.each, np.argsort(-weights)[: settings.together]
         new = [mixture.part_at(k) for k in highest.tolist() if weights[k] > 0.0]
         if not new:
-            return None
+            break
         mixture.parts.extend(new)
+    if not np.any(weights):
+        return None
     kept = np.flatnonzero(weights > settings.negligible / weights.size)
     kept = np.random.default_rng(0).permutation(kept)
     alpha = np.tile(known.alpha, (kept.size, 1))

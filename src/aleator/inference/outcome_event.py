@@ -112,11 +112,12 @@ class OutcomeEvent:
 
     def __str__(self) -> str:
         signs = ["<=" if included else "<" for included in self.ends_included]
+        low, high = (f"{end:.15g}" for end in (self.low, self.high))
         if np.isinf(self.low):
-            return f"{self.outcome} {signs[1]} {self.high:g}"
+            return f"{self.outcome} {signs[1]} {high}"
         if np.isinf(self.high):
-            return f"{self.outcome} {signs[0].replace('<', '>')} {self.low:g}"
-        return f"{self.low:g} {signs[0]} {self.outcome} {signs[1]} {self.high:g}"
+            return f"{self.outcome} {signs[0].replace('<', '>')} {low}"
+        return f"{low} {signs[0]} {self.outcome} {signs[1]} {high}"
 
 
 def _value(term: str, sentence: str, outcome: str, unit: str | None) -> float:

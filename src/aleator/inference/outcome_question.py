@@ -34,7 +34,7 @@ class Tolerance:
             if not (isinstance(value, Real) and 0.0 < value < 1.0):
                 raise InputsError(
                     f"{name} = {described(value)} of tolerance limits is no share between 0 and 1",
-                    "write found.tolerance(0.95, 0.90, at=...): the content, then the confidence",
+                    "write the content, then the confidence, such as 0.95 and 0.90",
                 )
         if self.side not in ("both", "upper", "lower"):
             raise InputsError(f"side '{self.side}'", 'it is "both", "upper" or "lower"')

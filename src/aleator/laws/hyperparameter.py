@@ -61,7 +61,7 @@ class Free:
 
     def __post_init__(self) -> None:
         low, high = self.lower, self.upper
-        if isinstance(low, Real) and isinstance(high, Real) and not low < high:
+        if isinstance(low, Real) and isinstance(high, Real) and low >= high:
             problem, remedy = disordered(float(low), float(high))
             raise InputsError(f"{type(self).__name__}({low:g}, {high:g}): {problem}", remedy)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -14,7 +14,7 @@ from scipy.optimize import elementwise
 
 from aleator.core.polynomials import gauss_legendre
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError
+from aleator.errors import InputsError, described
 from aleator.laws.hyperparameter import (
     OPEN,
     Free,
@@ -33,6 +33,7 @@ from aleator.laws.law import (
     by_distinct,
     difference,
     from_tails,
+    require_law,
     slope,
     to_score,
 )
@@ -235,6 +236,12 @@ class Mixture(QuantileLaw):
     shares: tuple[Specification, ...] | None = None
 
     def __post_init__(self) -> None:
+        given: object = self.components
+        if not isinstance(given, Iterable) or isinstance(given, str):
+            raise InputsError(
+                f"the components of a mixture are {described(given)}",
+                "give them in brackets: Mixture([Normal(...), Normal(...)])",
+            )
         object.__setattr__(self, "components", tuple(self.components))
         if len(self.components) < 2:
             raise InputsError(
@@ -242,6 +249,7 @@ class Mixture(QuantileLaw):
                 "add a law to components, or take the only one as the law",
             )
         for c, law in enumerate(self.components):
+            require_law(law, f"component {c + 1} of a mixture")
             if isinstance(law, Mixture):
                 raise InputsError(
                     f"component {c + 1} of a mixture is a mixture itself",

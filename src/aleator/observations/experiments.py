@@ -539,7 +539,12 @@ def conditions_of(experiments: Experiments, which: Flags, *, named: bool = True)
     >>> conditions_of(table, np.array([False, True])).ids
     ('b',)
     """
-    number, rows = np.cumsum(which) - 1, np.flatnonzero(which[experiments.experiment])
+    return _conditions_of(experiments, which, which[experiments.experiment], named)
+
+
+def _conditions_of(experiments: Experiments, which: Flags, kept: Flags, named: bool) -> Conditions:
+    """The conditions of the experiments `which` (N,), of which the rows `kept` (R,) are taken."""
+    number, rows = np.cumsum(which) - 1, np.flatnonzero(kept)
     return Conditions(
         tuple(name for name, kept in zip(experiments.ids, which, strict=True) if kept),
         experiments.conditions.iloc[rows].reset_index(drop=True),
@@ -562,16 +567,21 @@ def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Condi
     >>> table = Experiments.from_frame(frame, outcome="time")
     >>> distinct_conditions(table, ["load"]).conditions["load"].tolist()
     [1.0, 2.0]
+    >>> repeated = Experiments.from_frame(frame.assign(id=[*"ccd"]), outcome="time", id="id")
+    >>> distinct_conditions(repeated, ["load"]).conditions["load"].tolist()
+    [1.0, 2.0]
     """
     cells = experiments.table[list(names)].astype(object).to_numpy()
-    series: list[list[tuple[object, ...]]] = [[] for _ in experiments.ids]
-    for row, owner in zip(cells, experiments.experiment.tolist(), strict=True):
-        series[owner].append(tuple(row))
+    series: list[dict[tuple[object, ...], int]] = [{} for _ in experiments.ids]
+    for row, owner in enumerate(experiments.experiment.tolist()):
+        series[owner].setdefault(tuple(cells[row]), row)
     first: dict[tuple[object, ...], int] = {}
     for k, rows in enumerate(series):
-        first.setdefault(tuple(dict.fromkeys(rows)), k)
-    which = np.isin(np.arange(len(series)), [*first.values()])
-    return conditions_of(experiments, which, named=any(len(rows) > 1 for rows in first))
+        first.setdefault(tuple(rows), k)
+    which, kept = np.zeros(len(series), dtype=np.bool_), np.zeros(len(cells), dtype=np.bool_)
+    which[[*first.values()]] = True
+    kept[[row for k in first.values() for row in series[k].values()]] = True
+    return _conditions_of(experiments, which, kept, any(len(rows) > 1 for rows in first))
 
 
 def conditions_at(experiments: Experiments, of: str | None, names: Collection[str]) -> Conditions:

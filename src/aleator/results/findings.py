@@ -456,9 +456,13 @@ def _add(
 
 
 def named_values(document: Document, values: Document) -> list[str]:
-    """Values of conditions in words, each with its name and unit."""
+    """Values of conditions in words, each with its name and unit.
+
+    >>> named_values({}, {"load": 2.0, "wet": True, "oil": "a"})
+    ['load 2', 'wet True', 'oil a']
+    """
     return [
-        f"{name} {number(v) if isinstance(v, int | float) else v}{_unit(document, name)}"
+        f"{name} {v if isinstance(v, bool | str) else number(v)}{_unit(document, name)}"
         for name, v in values.items()
         if v is not None
     ]

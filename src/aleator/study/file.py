@@ -89,10 +89,15 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
         return _unknown(location, str(context["expected"]), details.get("input"))
     shown = f"{key} = {in_toml(details.get('input'))}"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
-        return f"{shown} is not a table", f"write [{location}] and its keys under it"
-    if kind == "union_tag_invalid" and isinstance(details.get("input"), list):
+        inner = f"{location.rpartition('.')[2]} = {{KEY = VALUE, ...}}"
+        head = inner if "[" in location else f"[{location}] and its keys under it"
+        return f"{shown} is not a table", f"write {head}"
+    if kind == "list_type" and isinstance(details.get("input"), dict):
+        return f"{shown} is one table", f"write [[{location}]] above the keys of each"
+    if kind == "union_tag_invalid" and isinstance(details.get("input"), list | dict):
         name = location.rpartition(".")[2]
-        return f"{shown} is a list", f"write {_FORMS.get(name, 'a number')}"
+        form = "list" if isinstance(details["input"], list) else "table"
+        return f"{shown} is a {form}", f"write {_FORMS.get(name, 'a number')}"
     if kind == "union_tag_invalid" and isinstance(details.get("input"), str):
         share = share_of(details["input"])
         name = location.rpartition(".")[2]

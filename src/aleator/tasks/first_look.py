@@ -397,16 +397,20 @@ def understated_noise(
 ) -> dict[str, dict[str, float]]:
     """The responses whose repeats scatter more than the noise explains: both sds, and df.
 
-    Repeats are measured values under the same conditions in one experiment, or in all of them where
-    no parameter scatters. With the means m of their groups and the noise's sd s there, at its upper
-    limit where it is identified, sum (y - m)^2/s^2 has the chi-squared law with df degrees of
-    freedom for normal noise. `repeats` is the pooled sd, and `noise` the root mean square of s. No
-    runs are made.
+    Repeats are measured values under the same conditions in one experiment, or where no parameter
+    scatters in all experiments with the same covariates. With the means m of their groups and the
+    noise's sd s there, at its upper limit where it is identified, sum (y - m)^2/s^2 has the
+    chi-squared law with df degrees of freedom for independent normal noise: other noise is left
+    out. `repeats` is the pooled sd, and `noise` the root mean square of s. No runs are made.
     """
     if noise is None:
         return {}
     seen, errors = table.observations, MeasurementErrors.of(noise, table)
-    alone = np.zeros(len(seen), dtype=np.intp) if not inputs.scattering else seen.experiment
+    alone = seen.experiment
+    if not inputs.scattering:
+        laws = [*map(tuple, covariates(table, inputs.covariates).to_numpy(dtype=object))]
+        place = {law: k for k, law in enumerate(laws)}
+        alone = np.array([place[law] for law in laws])[alone]
     case = runner.cases.condition[runner.unit]
     keys = np.stack([alone, case, runner.column, seen.response], axis=1)[seen.measured]
     group = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
@@ -418,7 +422,9 @@ def understated_noise(
     with np.errstate(all="ignore"):
         sd = errors.scale(widest, eta, slice(0, len(eta)))[seen.measured, 0]
     found = {}
-    for k, name in enumerate(seen.names):
+    for k, (name, part) in enumerate(zip(seen.names, errors.parts, strict=True)):
+        if not part.noise.normal or part.noise.correlation is not None:
+            continue
         own = (response == k) & (np.bincount(group)[group] > 1)
         df = int(own.sum()) - np.unique(group[own]).size
         total = float(np.sum(((y[own] - mean[own]) / sd[own]) ** 2))

@@ -146,9 +146,11 @@ class Identification(Result):
         draws by the likelihood that the identification made (see `plausible`): no more than those,
         whatever the `seed`. With `by_likelihood` they are weighted by the likelihood itself, which
         is exact also for very skew intervals and few experiments, and takes one evaluation of the
-        likelihood for each draw. Raises AleatorError if the identification was read from a file
-        without inputs, and with `by_likelihood` if it was read from any file.
+        likelihood for each draw. Raises AleatorError for a count below one, if the identification
+        was read from a file without inputs, and with `by_likelihood` if it was read from any file.
         """
+        if count < 1:
+            raise InputsError(f"draws: {count} draws", "ask for one or more; 256 tell quantiles")
         known = estimated(
             self.alpha, self.correlation_names, self.correlation, self._hyperparameters
         )

@@ -132,7 +132,7 @@ def identify(
     """
     table = experiments_of(experiments, outcome, id)
     inputs, noise = inputs_of(inputs), noise_of(noise)
-    _require_settings(propagation, search, verification, seed, progress, budget)
+    _require_settings(propagation, search, verification, seed, progress, budget, questions)
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac, series)
@@ -208,7 +208,7 @@ def _judged(
 
 def _require_settings(
     propagation: object, search: object, verification: object, seed: object, progress: object,
-    budget: object,
+    budget: object, questions: object,
 ) -> None:  # fmt: skip
     """Raise AleatorError for an argument of another kind, before anything is computed."""
     require_kind(propagation, "__dataclass_fields__", "propagation", "ResponseSurface()")
@@ -216,6 +216,7 @@ def _require_settings(
     require_kind(verification, Check, "verification", "Check(), or Check(0) for no check")
     require_kind(seed, (int, np.integer), "seed", "0")
     require_kind(budget, Budget, "budget", "Budget(runs=100)")
+    require_kind(questions, Sequence, "questions", '[OutcomeQuestion(probability="y > 1")]')
     if progress is not None:
         require_kind(progress, "stage", "progress", "aleator.ProgressLine()")
 

@@ -33,6 +33,7 @@ from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import documents, printed
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
+from aleator.tasks.arguments import require_kind
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import PredictionContext
 from aleator.tasks.prediction import compared
@@ -127,8 +128,9 @@ class Aim:
     def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
         """The aim with this name; None chooses the sd with the largest relative standard error.
 
-        Raises InputsError for an unknown or a fixed hyperparameter.
+        Raises InputsError for an unknown or a fixed hyperparameter, and where none is free.
         """
+        require_free(about if isinstance(about, str) else None, fit.hyperparameters)
         names = [h.name for h in fit.hyperparameters]
         on_limit = np.setdiff1d(fit.inference.identified, fit.inference.free)
         if isinstance(about, Predicted):
@@ -136,7 +138,6 @@ class Aim:
         about = about or _weakest(fit)
         if about == ALL:
             return cls("all hyperparameters", *_inside(on_limit, estimates, fit), None, None)
-        require_free(about, fit.hyperparameters)
         k = names.index(about)
         inside = _inside(on_limit[on_limit == k], estimates, fit)
         return cls(about, *inside, int(np.searchsorted(inside[1], k)), None)
@@ -148,8 +149,16 @@ class Aim:
 
 
 def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -> None:
-    """Raise InputsError for a name that is neither a free hyperparameter nor "all"."""
+    """Raise InputsError for a name that is neither a free hyperparameter nor "all".
+
+    It is raised for any name where no hyperparameter is free.
+    """
     free = [h.name for h in hyperparameters if h.free]
+    if not free:
+        raise InputsError(
+            "no hyperparameter is free: there is nothing that an experiment could tell",
+            "give a hyperparameter limits in place of its number",
+        )
     if about is None or about == ALL or about in free:
         return
     fixed = about in [h.name for h in hyperparameters]
@@ -382,6 +391,9 @@ def next_experiments(
     ('x.sd', ('3',))
     """
     progress = progress or Silent()
+    require_kind(found, Identification, "found", "identify(...), or load(...)")
+    if about is not None:
+        require_kind(about, (str, Predicted), "about", '"x.sd", "all" or Predicted(...)')
     found = found.with_fit(progress)
     fit, session = found.fit, found.session
     conditions = session.requested(candidates)

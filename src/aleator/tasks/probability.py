@@ -59,15 +59,17 @@ def requested_responses(context: PredictionContext, outcome: str | None) -> Indi
     ([1], [0, 1])
     """
     names = [r.name for r in context.seen.responses]
-    # The only response may be unnamed in the table, so every name stands for it.
-    if outcome is None or len(names) == 1:
+    if outcome is None:
         return np.arange(len(names))
-    if outcome not in names:
-        raise InputsError(
-            f"there is no outcome '{outcome}'{nearest(outcome, names)}",
-            f"the outcomes are {', '.join(names)}",
-        )
-    return np.array([names.index(outcome)], dtype=np.intp)
+    if outcome in names:
+        return np.array([names.index(outcome)], dtype=np.intp)
+    # The only response may be unnamed in the table: any name stands for it, but a parameter's.
+    if len(names) == 1 and outcome not in context.inputs.names:
+        return np.zeros(1, dtype=np.intp)
+    raise InputsError(
+        f"there is no outcome '{outcome}'{nearest(outcome, names)}",
+        f"the outcomes are {', '.join(names)}",
+    )
 
 
 @dataclass(frozen=True)

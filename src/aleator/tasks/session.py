@@ -568,7 +568,7 @@ def _require_known(at: Mapping[Any, object], known: Sequence[str], needed: Colle
         if name not in known:
             raise InputsError(
                 f"at: '{name}' is no condition of the experiments{nearest(str(name), known)}",
-                f"the columns are {', '.join(known)}",
+                f"the columns are {', '.join(known)}" if known else "leave it out: there are none",
             )
 
 

@@ -369,8 +369,8 @@ def _gain(document: Document) -> str:
         again = f"More experiments like the {made} that were made do not reach that."
     else:
         again = (
-            f"It would also take {document['repetitions'] * made:.0f} more experiments like the "
-            f"{made} that were made."
+            f"It would also take {count(round(document['repetitions'] * made), 'more experiment')} "
+            f"like the {made} that were made."
         )
     half = (
         ""
