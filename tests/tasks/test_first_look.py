@@ -188,6 +188,21 @@ def test_a_simulator_that_never_works_is_an_error() -> None:
         )
 
 
+def test_where_all_runs_fail_that_is_an_error_with_their_message_even_if_they_are_few() -> None:
+    def breaks(force: float, stiffness: float) -> float:
+        if stiffness > least:
+            raise ValueError("the mesh folds")
+        return force / stiffness
+
+    inputs, least = Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))}), 0.0
+    with pytest.raises(SimulatorError, match="the mesh folds") as told:
+        looked(inputs, TABLE[:2], breaks)
+    assert "6 of 6 runs failed" in told.value.problem
+    assert "no run of it worked" in told.value.remedy
+    least = 2.0  # The two runs with the stiffness 2 work.
+    assert looked(inputs, TABLE[:2], breaks).failed == 4
+
+
 def test_of_many_conditions_some_are_looked_at_with_both_ends() -> None:
     force = np.linspace(1.0, 50.0, 400)
     table = pd.DataFrame({"force": force, "travel": force / 2.0})

@@ -143,10 +143,7 @@ def check(
         )
     if planning.to_mend(document):
         again = f"then aleator check {short(work.file)} again"
-        worked = document["failed"] < document["runs"]
-        click.echo(
-            f"Next: {'look at these values and the limits' if worked else 'mend the runs'}, {again}"
-        )
+        click.echo(f"Next: look at these values and the limits, {again}")
     else:
         click.echo(f"Next: aleator identify {short(work.file)}")
 

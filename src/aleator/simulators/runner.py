@@ -287,9 +287,15 @@ class Runner:
         return self._direct.lost, self._direct.failures
 
     def require_some_outcome(self) -> None:
-        """Raise NoOutcome, with the first reason, if every run of `straight` so far failed."""
-        lost, failures = self.lost
-        if lost and lost == self._direct.count:
+        """Raise NoOutcome, with the first reason, if every run failed.
+
+        Where there are runs of `straight`, these are meant.
+        """
+        made, (lost, failures) = self._direct.count, self.lost
+        if not made:
+            made, failures = len(self._memory), self.failures
+            lost = len(failures)
+        if lost and lost == made:
             raise self._messages.excess(failures, lost, lost)
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:

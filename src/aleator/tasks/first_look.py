@@ -134,7 +134,7 @@ class LookSettings:
     fewest: int = 3
     """The least number of conditions that are simulated."""
     most_failed: float = 0.9
-    """The share of failed runs above which an error is raised."""
+    """The share of failed runs above which an error is raised, if they are ten or more."""
     sure: float = 3.0
     """The number of standard deviations of the noise by which a measured value may lie outside the
     range of simulated values."""
@@ -290,10 +290,7 @@ class Look:
 
     @property
     def without_influence(self) -> Flags:
-        """Which of the n' varied parameters have no effect on any outcome, alone or at corners.
-
-        None has if every run failed: then nothing is known of effects.
-        """
+        """Which of the n' varied parameters have no effect on any outcome, alone or at corners."""
         low, high = self.untransformed(self.reached).T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -304,8 +301,7 @@ class Look:
             for j, pairs in enumerate(self.plan.edges):
                 apart = np.abs(np.diff(own[:, pairs], axis=2)[:, :, 0])
                 swing[:, j] = np.fmax(swing[:, j], np.fmax.reduce(apart, axis=1, initial=0.0))
-        worked = self.failed < self.runs
-        return np.asarray(np.all(~(swing > least[:, None]), axis=0) & worked)
+        return np.asarray(np.all(~(swing > least[:, None]), axis=0))
 
 
 def planned_look(
@@ -342,7 +338,8 @@ def first_look(
 
     Where a measured value is out of reach of these, more runs are made near the closest one, for
     the twenty nearest such values: steps up and down of each parameter, halved up to five times.
-    Single failing runs are counted. Raises SimulatorError if more than nine of ten runs fail.
+    Single failing runs are counted. Raises SimulatorError if all of these runs fail, or more than
+    nine of ten of many.
     """
     progress = progress or Silent()
     cases = plan.cases
@@ -350,6 +347,7 @@ def first_look(
     rest = np.setdiff1d(np.arange(plan.count), cases)
     if rest.size and runner.vectorized:
         values |= _run(runner, rest, plan.x, progress, settings)
+    runner.require_some_outcome()
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]
     there = np.flatnonzero([int(c) in values for c in case])

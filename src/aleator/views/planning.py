@@ -149,12 +149,9 @@ def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
 
 
 def _without_runs(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
-    """A warning that names the experiments of which no run works, if there are some.
-
-    There is none where no run works at all, of which the failures tell.
-    """
+    """A warning that names the experiments of which no run works, if there are some."""
     lost = [*document["lost"].items()]
-    if not lost or document["failed"] == document["runs"]:  # Then no row is to blame.
+    if not lost:
         return []
     named = [f"{name} ({why})" for name, why in lost[: amounts.named]]
     more = f", and {len(lost) - amounts.named} more" if len(lost) > amounts.named else ""
