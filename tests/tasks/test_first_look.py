@@ -1,5 +1,7 @@
 """The first runs of a study: what they reach, what has no influence, and what the rest costs."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,7 +10,7 @@ from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, iden
 from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
-from aleator.simulators import FunctionSimulator, Runner
+from aleator.simulators import FunctionSimulator, Runner, Store
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.first_look import (
     LOOK,
@@ -225,6 +227,19 @@ def test_an_identification_takes_no_more_runs_than_were_expected() -> None:
     cost = expected_cost(runner, experiments, inputs, None, ResponseSurface(), None, Check(), plan)
     found = identify(slow, table, inputs, outcome="travel", consistency=False, best_law=False)
     assert cost.least <= found.runs <= cost.most
+
+
+def test_an_identification_begins_with_stored_runs_where_there_is_a_store(tmp_path: Path) -> None:
+    inputs, noise = Inputs({"stiffness": TruncatedNormal(box=(1.0, 3.0))}), Noise(0.02)
+    experiments = Experiments.from_frame(TABLE, outcome="travel")
+    slow = FunctionSimulator(spring, vectorized=False)
+    with Store(tmp_path / "runs.sqlite") as store:
+        for kept in (None, store):
+            runner = Runner(slow, experiments, inputs.names, store=kept)
+            plan = planned_look(runner, experiments, inputs)
+            cost = expected_cost(runner, experiments, inputs, noise, ResponseSurface(),
+                                 None, Check(), plan)  # fmt: skip
+            assert cost.reused is (kept is not None)
 
 
 def test_the_simulator_itself_is_run_as_often_as_was_expected() -> None:

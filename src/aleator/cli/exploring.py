@@ -23,11 +23,10 @@ from aleator.cli.running import (
     tell_odd_repeats,
     whole_number,
 )
-from aleator.errors import AleatorError, short
+from aleator.errors import AleatorError, count, short
 from aleator.fit.question import Choices
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.observations.experiments import Conditions
-from aleator.results.printed import count
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -115,8 +114,8 @@ def check(
     with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(
-            f"{plan.runs:,} runs: {len(plan.x)} points under {len(plan.cases)} of "
-            f"{plan.count} different conditions"
+            f"{count(plan.runs, 'run')}: {count(len(plan.x), 'point')} under {len(plan.cases)} of "
+            f"{count(plan.count, 'different condition')}"
         )
         progress.stage("first runs")
         runner.progress = progress

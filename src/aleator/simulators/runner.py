@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, count
 from aleator.simulators.direct import DirectRuns
 from aleator.simulators.dispatch import BATCHING, Batching, slots
 from aleator.simulators.execution import Execution, RunCache, RunProgress
@@ -55,7 +55,7 @@ class Budget:
 
     def __str__(self) -> str:
         """The budget in words, for messages."""
-        runs = [] if self.runs is None else [f"{self.runs:,} runs"]
+        runs = [] if self.runs is None else [count(self.runs, "run")]
         hours = [] if self.hours is None else [f"{self.hours:g} h"]
         return " and ".join(runs + hours)
 

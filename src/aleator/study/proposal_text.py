@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from aleator.core.toml_text import key, written
+from aleator.errors import count
 from aleator.study.offers import Offer, SimulatorInput, without_unit, written_by
 from aleator.study.proposal import Proposal, Proposed
 
@@ -55,8 +56,8 @@ def notes(proposal: Proposal) -> list[str]:
     said.append(f"conditions: {', '.join(proposal.conditions) or 'none'}")
     if proposal.repeated:
         said.append(
-            f"repeated: {len(proposal.sheet.table)} rows of {proposal.experiments} experiments, "
-            f"named by the column {proposal.id}"
+            f"repeated: {count(len(proposal.sheet.table), 'row')} of "
+            f"{count(proposal.experiments, 'experiment')}, named by the column {proposal.id}"
         )
     laws = [each.name for each in proposal.parameters if each.scatters]
     known = [each.name for each in proposal.parameters if not each.scatters]

@@ -13,7 +13,7 @@ from scipy import stats
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import WORKING_BOX, SimulatorError
+from aleator.errors import WORKING_BOX, SimulatorError, count
 from aleator.fit.question import (
     grids_each,
     is_exact,
@@ -598,7 +598,7 @@ def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSetting
 def _run(
     runner: Runner, cases: Indices, x: Array, progress: Progress, settings: LookSettings
 ) -> dict[int, Array]:
-    progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
+    progress.update(f"{count(len(cases) * len(x), 'run')} under {count(len(cases), 'condition')}")
     units = np.repeat(runner.cases.first[cases], len(x))
     found = runner.values(units, np.tile(x, (len(cases), 1)), settings.most_failed)
     return dict(zip(cases.tolist(), found.reshape(len(cases), len(x), -1), strict=True))
@@ -627,8 +627,8 @@ class Cost:
     """The expected number of simulator runs of an identification, from `least` to `most`.
 
     `direct` is true if the simulator itself is run at every quadrature node, without response
-    surfaces. Such runs are not stored. `reused` is true if the identification begins with the
-    stored runs, those of the first look among them.
+    surfaces. Such runs are not stored. `reused` is true if there is a store and the identification
+    begins with its runs, those of the first look among them.
     """
 
     least: int
@@ -674,7 +674,7 @@ def expected_cost(
         each = first_process_runs(cases, known + moving, together, moving * runner.sloped)
         low = each * cases + confirming(runner.sloped) * max(together, usual(cases)) + 1
         high, most = int(settings.process * low), propagation.max_runs * cases
-        return Cost(min(low, most), min(high, most), False, reused=True)
+        return Cost(min(low, most), min(high, most), False, reused=runner.cache is not None)
     few = linear_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples
