@@ -87,6 +87,8 @@ def notes(proposal: Proposal) -> list[str]:
     ]
     said += [f"no numbers in column {name}: {cells}" for name, cells in proposal.unread.items()]
     file = written_by(proposal.offer.value) if proposal.offer.kind == "command" else None
+    if isinstance(marks := proposal.offer.further.get("delimiters"), list):
+        said.append(f"the values of a run are written in place of {'NAME'.join(marks)}")
     if file is not None:
         said.append(f"the outcome is read from {file}, by the name {proposal.outcomes[0]}: if the "
                     "program calls it otherwise, change output in [simulator]")  # fmt: skip
