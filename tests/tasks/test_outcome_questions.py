@@ -201,7 +201,7 @@ def test_an_answer_stands_beside_what_was_measured_under_its_conditions() -> Non
     assert of_limits.measured == MeasuredThere(15, int(within.sum()), 0)
     # A true value and a parameter are not measured, and nothing was under the load 5.
     assert [one.measured for one in others] == [None, None, None]
-    assert f"it did in {inside} of 15 values measured" in repr(result).replace("\n    ", " ")
+    assert f"it did in {inside} of 15 values measured" in " ".join(repr(result).split())
 
 
 def said(outcome: str = "way", **entry: Any) -> str:
@@ -218,10 +218,11 @@ def test_the_sentences_of_answers() -> None:
         "way <= 6": "is at most 6 mm", "2 < way <= 6": "lies between 2 and 6 mm",
     }.items():  # fmt: skip
         assert said(event=event, **share) == (
-            f"At load 5: way {words} in 50 % of experiments (95 % interval 25 to 88 %)."
+            f"At load 5: way {words} in 50 % of experiments (mean over the plausible laws; 95 % "
+            "interval 25 to 88 %)."
         )
     rare = said(event="way > 6", probability=2.5e-5, lower=1e-6, upper=0.02)
-    assert "with probability 2.50e-05 (95 % interval 1.00e-06 to 0.02)" in rare
+    assert "with probability 2.50e-05 (mean over the plausible laws; 95 % interval 1.00e-06" in rare
     assert "in 4.0 % of experiments." in said(event="way > 6", probability=0.04)
     # All experiments have one value of a constant: no share of them exceeds a number.
     assert "with probability 0.5 " in said(outcome="load", event="way > 6", **share)

@@ -193,9 +193,9 @@ def estimates(document: Document) -> TextTable:
 def quantities(document: Document) -> TextTable:
     """The table of the quantities by which the laws are usually told; without rows if none are.
 
-    >>> median = {"estimate": 1.0, "interval": [0.8, 1.3]}
+    >>> median = {"estimate": 1.0, "interval": [0.8, 1.3], "standard_error": 0.13}
     >>> quantities({"ranges": {"k": {"quantities": {"median": median}}}}).rows
-    [('k.median', '1.00', '0.80 .. 1.30')]
+    [('k.median', '1.00', '0.13', '0.80 .. 1.30')]
     """
     rows = []
     for name, entry in (document.get("ranges") or {}).items():
@@ -203,12 +203,11 @@ def quantities(document: Document) -> TextTable:
         laws = [("", entry), *((f"[{entry.get('factor')}={each}]", own) for each, own in levels)]
         for at, law in laws:
             for what, one in (law.get("quantities") or {}).items():
-                ends = one.get("interval")
-                error = (ends[1] - ends[0]) / 4.0 if ends else None
-                shown = with_error(one["estimate"], error, estimate=True)[0]
+                error = one.get("standard_error")
+                shown = with_error(one["estimate"], error, estimate=True)
                 head = label(document, f"{name}.{what}{at}")
-                rows.append((head, shown, between(ends, error)))
-    columns = heads("of the laws", ">estimate", ">95 % interval")
+                rows.append((head, *shown, between(one.get("interval"), error)))
+    columns = heads("of the laws", ">estimate", ">std. error", ">95 % interval")
     return TextTable(columns, rows, "quantities", "Quantities of the laws")
 
 

@@ -331,6 +331,7 @@ def _share(
     """How frequent an event is: a share of experiments, or a probability.
 
     It is a probability where the event is rare, and where experiments have its parameter `shared`.
+    With an interval it is the mean over the plausible laws, not the value at the estimate.
     """
     value, ends = answer.probability, (answer.lower, answer.upper)
     if value is None:
@@ -340,7 +341,7 @@ def _share(
     low, high = (
         NONE if end is None else _percent(end) if as_share else chance(end) for end in ends
     )
-    sure = f" (95 % interval {low.removesuffix(' %')} to {high})"
+    sure = f" (mean over the plausible laws; 95 % interval {low.removesuffix(' %')} to {high})"
     told = (
         f"in {_percent(value)} of experiments" if as_share else f"with probability {chance(value)}"
     )

@@ -211,11 +211,13 @@ class LawQuantity(Plain):
     """A quantity by which a law is usually told, such as the median of a lognormal law.
 
     `estimate` is that of the law at the estimate of alpha. `interval` holds 95 % of the quantity
-    over draws of alpha; it is None where the uncertainty of a hyperparameter of the law is unknown.
+    over draws of alpha, and `standard_error` follows from those of the hyperparameters (delta
+    method); they are None where the uncertainty of a hyperparameter of the law is unknown.
     """
 
     estimate: float
     interval: tuple[float, float] | None
+    standard_error: float | None = None
 
 
 @dataclass(frozen=True)
