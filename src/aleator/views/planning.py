@@ -375,7 +375,8 @@ def _gain(document: Document) -> str:
         if halving is None
         else (
             f" About {count(max(math.ceil(halving), 1), 'experiment')} like those of the set would "
-            "halve the standard error (extrapolated: information grows with their number)."
+            "halve the standard error, and so the width of a 95 % interval (extrapolated: "
+            "information grows with their number)."
         )
     )
     return f"{begin} {again}{half}"
