@@ -151,7 +151,7 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     assert stopped.exit_code == 130
     assert "aleator: stopped by Ctrl-C" in stopped.stderr
     # The first run was repeated, and a few of the others, to see whether they can be.
-    kept = int(re.findall(r"(\d+) new runs are kept in springs/runs.sqlite", stopped.stderr)[0])
+    kept = int(re.findall(r"springs/runs.sqlite keeps (\d+) new runs", stopped.stderr)[0])
     assert 19 - 8 <= kept <= 18
     assert "Traceback" not in stopped.output
     assert not Path("result/identification.json").exists()

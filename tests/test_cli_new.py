@@ -329,17 +329,27 @@ def test_columns_of_other_names_reach_the_simulator(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("marks", ["{}", "{{}}"])
+@pytest.mark.parametrize("marks", ["{}", "{{}}", "<>"])
 def test_the_template_of_an_input_file_is_found_with_its_names(marks: str) -> None:
+    """With < and > braces hold an expression of the program itself, as in SPICE."""
     opening, closing = marks[: len(marks) // 2], marks[len(marks) // 2 :]
-    beam = f"force {opening}force{closing} modulus {opening}modulus:.9g{closing}\n"
-    Path("beam.tpl").write_text(beam)
+    beam = f"force {opening}force{closing} modulus {opening}modulus:.9g{closing}"
+    Path("beam.tpl").write_text(beam + (" {2 * c}\n" if marks == "<>" else "\n"))
     Path("beam.sh").write_text('#!/bin/sh\nawk \'{print "deflection = " $2 / $4 " mm"}\' "$1"\n')
     Path("beam.sh").chmod(0o755)
     table("force,deflection", [1.0, 2.0, 3.0], [0.5, 0.9, 1.6])
     done("new", "parts.csv", "--command", "./beam.sh {input}", "--parameter", "modulus=1:4")
     study = load_study("study.toml")
     assert study.runner().values([1], np.array([[4.0]])).ravel().tolist() == [0.5]
+
+
+@pytest.mark.usefixtures("folder")
+def test_braces_that_hold_expressions_only_are_no_placeholders() -> None:
+    Path("deck.tpl").write_text("R1 in a {2.2n * c}\nC1 a b {c}\n")
+    table("force,deflection", [1.0, 2.0, 3.0], [0.5, 0.9, 1.6])
+    told = refused("new", "parts.csv", "--command", "ngspice -b {input}")
+    assert "2.2n * c" in told
+    assert "<NAME>" in told
 
 
 @pytest.mark.usefixtures("folder")

@@ -121,7 +121,7 @@ def test_sigterm_ends_a_command_and_keeps_its_runs(folder: Path) -> None:
     done = program("identify", "study.toml", "--output", "out", **heard)
     assert done.returncode == 143, done.stderr
     assert done.stderr.endswith("aleator: stopped by SIGTERM\n")
-    kept = re.search(r"(\d+) new runs are kept", done.stderr)
+    kept = re.search(r"keeps (\d+) new runs", done.stderr)
     assert kept is not None
     assert int(kept[1]) >= 14
     assert "Traceback" not in done.stderr

@@ -115,6 +115,15 @@ def quoted(words: str) -> str:
     return re.sub("`([^`]+)`", r"'\1'", words)
 
 
+def count(size: int, what: str) -> str:
+    """A number with its noun, which is in the plural unless the number is one.
+
+    >>> count(1, "experiment"), count(1200, "run")
+    ('1 experiment', '1,200 runs')
+    """
+    return f"{size:,} {what}{'' if size == 1 else 's'}"
+
+
 def nearest(name: str, candidates: Iterable[str]) -> str:
     """A hint `` (did you mean 'x'?)`` with the candidate most like `name`, or an empty text.
 

@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,9 @@ from aleator.fit.rounds import (
     admitted_change,
     usual,
 )
+from aleator.fit.soundness import emulator_warnings
 from aleator.simulators.function import FunctionSimulator
+from aleator.surrogates import ResponseSurface
 
 RNG = np.random.default_rng(12)
 COUNT = 30
@@ -125,6 +128,32 @@ def test_what_each_round_leaves_is_recorded_and_says_how_many_runs_follow() -> N
     ahead = RoundsAhead(usual(COUNT), EMULATION.rounds, admitted_change(COUNT))
     first = ahead.expected(*vars(rounds[0]).values(), EMULATION.enough)
     assert found.runs / 1.5 < first < 1.5 * found.runs
+
+
+@pytest.mark.parametrize(
+    ("errors", "max_runs", "ended"),
+    [(3 * [0.3], 99, "largest number of rounds"), ([0.5, 0.2, *22 * [0.3]], 99, "more exact"),
+     (3 * [0.3], 12, "max_runs = 12")],
+)  # fmt: skip
+def test_what_ended_the_runs_is_told(errors: list[float], max_runs: int, ended: str) -> None:
+    """The error does not fall in the second; more runs are advised in the others only."""
+    runner = SimpleNamespace(
+        account=SimpleNamespace(refused=False), cache=None, simulator=FunctionSimulator(decay)
+    )
+    emulation = SimpleNamespace(
+        error=EmulatorError(0.3, 0.1, 1.0, np.ones(1)), settings=EMULATION,
+        told=[EmulatorRound(6 * k, one, 0.1) for k, one in enumerate(errors)],
+        maxima=[0.0 for _ in errors], expected_runs=lambda _: np.inf,
+        start=np.array([[0.0, 1.0]]), region=np.array([[0.0, 1.0]]),
+        processes=SimpleNamespace(made=np.array([11, 12]), contradicted=False),
+        question=SimpleNamespace(
+            ids=("1", "2"), runner=runner, inputs=Inputs({"a": LAWS["a"]}),
+            choices=SimpleNamespace(surfaces=ResponseSurface(max_runs=max_runs)),
+        ),
+    )  # fmt: skip
+    (found,) = emulator_warnings(emulation)
+    assert ended in found.message
+    assert ("allow more runs" in found.remedy) is (ended != "more exact")
 
 
 @pytest.mark.long

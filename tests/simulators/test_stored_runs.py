@@ -178,9 +178,7 @@ def test_runs_are_kept_whatever_stops_them(store: Store, error: BaseException) -
     with pytest.raises(expected), notified(run.cache, "study.toml", said.append):
         run([0, 1, 2], [[1.0], [2.0], [3.0]])
     count = 2 if stopped else 3
-    assert said == [
-        f"{count} new runs are kept in {store.path}: the same command goes on from there"
-    ]
+    assert said == [f"{store.path} keeps {count} new runs: the same command goes on from there"]
     mended = Counted()
     again = runner(mended, store)
     with notified(again.cache, "study.toml", said.append):

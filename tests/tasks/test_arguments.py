@@ -227,6 +227,10 @@ def test_median_and_sdlog_have_the_intervals_of_a_normal_law_of_the_logarithm() 
     median, sdlog = np.exp(exact.loc["log_slope.mean"]), exact.loc["log_slope.sd"]
     assert told.loc["slope.median"].tolist() == pytest.approx(median.tolist(), rel=0.02)
     assert told.loc["slope.sdlog"].tolist() == pytest.approx(sdlog.tolist(), rel=0.06)
+    errors = found.quantities["standard_error"]
+    exact_error = median["estimate"] * other.errors["log_slope.mean"]
+    assert errors["slope.median"] == pytest.approx(exact_error, rel=1e-3)
+    assert errors["slope.sdlog"] == pytest.approx(other.errors["log_slope.sd"], rel=1e-3)
     assert "slope.sdlog" in repr(found)
     assert found.aic == pytest.approx(-2.0 * found.log_likelihood.estimated + 4.0, abs=1e-6)
     assert len(repr(found.draws()).splitlines()) == 5

@@ -1,5 +1,7 @@
 """The first runs of a study: what they reach, what has no influence, and what the rest costs."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
 from aleator.observations.model import NormalError, StudentError
-from aleator.simulators import FunctionSimulator, Runner
+from aleator.simulators import FunctionSimulator, Runner, Store
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.first_look import (
     LOOK,
@@ -208,6 +210,21 @@ def test_a_simulator_that_never_works_is_an_error() -> None:
         )
 
 
+def test_where_all_runs_fail_that_is_an_error_with_their_message_even_if_they_are_few() -> None:
+    def breaks(force: float, stiffness: float) -> float:
+        if stiffness > least:
+            raise ValueError("the mesh folds")
+        return force / stiffness
+
+    inputs, least = Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))}), 0.0
+    with pytest.raises(SimulatorError, match="the mesh folds") as told:
+        looked(inputs, TABLE[:2], breaks)
+    assert "6 of 6 runs failed" in told.value.problem
+    assert "no run of it worked" in told.value.remedy
+    least = 2.0  # The two runs with the stiffness 2 work.
+    assert looked(inputs, TABLE[:2], breaks).failed == 4
+
+
 def test_of_many_conditions_some_are_looked_at_with_both_ends() -> None:
     force = np.linspace(1.0, 50.0, 400)
     table = pd.DataFrame({"force": force, "travel": force / 2.0})
@@ -230,6 +247,19 @@ def test_an_identification_takes_no_more_runs_than_were_expected() -> None:
     cost = expected_cost(runner, experiments, inputs, None, ResponseSurface(), None, Check(), plan)
     found = identify(slow, table, inputs, outcome="travel", consistency=False, best_law=False)
     assert cost.least <= found.runs <= cost.most
+
+
+def test_an_identification_begins_with_stored_runs_where_there_is_a_store(tmp_path: Path) -> None:
+    inputs, noise = Inputs({"stiffness": TruncatedNormal(box=(1.0, 3.0))}), Noise(0.02)
+    experiments = Experiments.from_frame(TABLE, outcome="travel")
+    slow = FunctionSimulator(spring, vectorized=False)
+    with Store(tmp_path / "runs.sqlite") as store:
+        for kept in (None, store):
+            runner = Runner(slow, experiments, inputs.names, store=kept)
+            plan = planned_look(runner, experiments, inputs)
+            cost = expected_cost(runner, experiments, inputs, noise, ResponseSurface(),
+                                 None, Check(), plan)  # fmt: skip
+            assert cost.reused is (kept is not None)
 
 
 def test_the_simulator_itself_is_run_as_often_as_was_expected() -> None:

@@ -4,6 +4,7 @@ not, and never at the cost of the identification."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from aleator import (
     OutcomeQuestion,
 )
 from aleator.results.findings import findings
-from aleator.results.values import OutcomeAnswer
+from aleator.results.values import MeasuredThere, OutcomeAnswer
 
 TESTED, NEW = 3.0, 5.0
 
@@ -190,6 +191,24 @@ def test_runs_are_counted_once_and_a_budget_holds() -> None:
     assert not [call for call in calls if call[0] == NEW]
 
 
+def test_an_answer_stands_beside_what_was_measured_under_its_conditions() -> None:
+    own = table()
+    heavy = own["way"][own["load"] == TESTED].to_numpy()
+    at = {"load": TESTED}
+    event = OutcomeQuestion(probability="2.7 < way < 3.3", at=at)
+    limits = OutcomeQuestion(tolerance=(0.5, 0.5), at=at)
+    result = found(way, event, limits, replace(event, noise=False), EVENT, SHARE, vectorized=True)
+    of_event, of_limits, *others = result.answers
+    inside = int(np.sum((heavy > 2.7) & (heavy < 3.3)))
+    assert 0 < inside < 15
+    assert of_event.measured == MeasuredThere(15, inside, 0)
+    within = (heavy >= of_limits.lower) & (heavy <= of_limits.upper)
+    assert of_limits.measured == MeasuredThere(15, int(within.sum()), 0)
+    # A true value and a parameter are not measured, and nothing was under the load 5.
+    assert [one.measured for one in others] == [None, None, None]
+    assert f"it did in {inside} of 15 values measured" in " ".join(repr(result).split())
+
+
 def said(outcome: str = "way", **entry: Any) -> str:
     answer = vars(OutcomeAnswer("way", {"load": 5.0}, True, **entry))
     document = {"alpha": {}, "experiments": [], "units": {"way": "mm"}, "answers": [answer]}
@@ -204,14 +223,19 @@ def test_the_sentences_of_answers() -> None:
         "way <= 6": "is at most 6 mm", "2 < way <= 6": "lies between 2 and 6 mm",
     }.items():  # fmt: skip
         assert said(event=event, **share) == (
-            f"At load 5: way {words} in 50 % of experiments (95 % interval 25 to 88 %)."
+            f"At load 5: way {words} in 50 % of experiments (mean over the plausible laws; 95 % "
+            "interval 25 to 88 %)."
         )
     rare = said(event="way > 6", probability=2.5e-5, lower=1e-6, upper=0.02)
-    assert "with probability 2.50e-05 (95 % interval 1.00e-06 to 0.02)" in rare
+    assert "with probability 2.50e-05 (mean over the plausible laws; 95 % interval 1.00e-06" in rare
     assert "in 4.0 % of experiments." in said(event="way > 6", probability=0.04)
     # All experiments have one value of a constant: no share of them exceeds a number.
     assert "with probability 0.5 " in said(outcome="load", event="way > 6", **share)
     assert "more runs" in said(event="way > 6", status="unsettled", **share)
+    seen = {"values": 8, "inside": 3, "open": 2}
+    assert "it did in 3 of 8 values measured under these conditions, and bounds leave 2" in said(
+        event="way > 6", measured=seen, **share
+    )
     assert said(content=0.95, confidence=0.9, lower=1.0, upper=2.0) == (
         "At load 5: way of 95 % of experiments lies between 1 and 2 mm (90 % confidence)."
     )

@@ -23,12 +23,11 @@ from aleator.cli.running import (
     tell_odd_repeats,
     whole_number,
 )
-from aleator.errors import AleatorError, short
+from aleator.errors import AleatorError, count, short
 from aleator.fit.question import Choices
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import require_laws_at
 from aleator.observations.experiments import Conditions
-from aleator.results.printed import count
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -116,8 +115,8 @@ def check(
     with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(
-            f"{plan.runs:,} runs: {len(plan.x)} points under {len(plan.cases)} of "
-            f"{plan.count} different conditions"
+            f"{count(plan.runs, 'run')}: {count(len(plan.x), 'point')} under {len(plan.cases)} of "
+            f"{count(plan.count, 'different condition')}"
         )
         progress.stage("first runs")
         runner.progress = progress
@@ -144,10 +143,7 @@ def check(
         )
     if planning.to_mend(document):
         again = f"then aleator check {short(work.file)} again"
-        worked = document["failed"] < document["runs"]
-        click.echo(
-            f"Next: {'look at these values and the limits' if worked else 'mend the runs'}, {again}"
-        )
+        click.echo(f"Next: look at these values and the limits, {again}")
     else:
         click.echo(f"Next: aleator identify {short(work.file)}")
 

@@ -28,7 +28,7 @@ from aleator.cli.running import (
     units_in,
 )
 from aleator.core.arithmetic import share_of
-from aleator.errors import AleatorError, short
+from aleator.errors import AleatorError, count, short
 from aleator.inference.diagnostics import plausible_warnings
 from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import Tolerance
@@ -75,13 +75,13 @@ def without_values(found: pd.DataFrame, runner: Runner) -> Iterator[str]:
         failure = (kept if len(kept) else straight).frequent_failure()
         silent = "the simulated outcome is no number, or has no logarithm"
         why = failure.message if failure else silent
-        yield f"note: runs fail in {rows} of {len(found)} rows, most often: {why}"
+        yield f"note: runs fail in {rows} of {count(len(found), 'row')}, most often: {why}"
     numbers = found.select_dtypes(np.number).drop(columns="beyond", errors="ignore")
     endless = int(np.isinf(numbers).any(axis=1).sum())
     if endless:
         yield (
-            f"note: {endless} of {len(found)} rows are infinite: the simulator returns infinity "
-            "there; see whether the conditions are possible"
+            f"note: the simulator returns infinity in {endless} of {count(len(found), 'row')}; "
+            "see whether the conditions are possible"
         )
 
 

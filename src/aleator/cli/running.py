@@ -19,12 +19,12 @@ import numpy as np
 from rich.console import Console
 
 from aleator.core.progress import Progress, Silent
-from aleator.errors import AleatorError, installing, short
+from aleator.errors import AleatorError, count, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
 from aleator.observations.gross_errors import odd_repeats
 from aleator.results import documents
-from aleator.results.printed import Content, count, number
+from aleator.results.printed import Content, number
 from aleator.results.schema import IDENTIFICATION, answer_file, read_answer
 from aleator.results.units import seen_label
 from aleator.simulators import ProcessPool, Runner, Store, notified
@@ -265,7 +265,7 @@ def running(
             yield runner
             made = runner.fresh if kept is None else kept.added
             if made and tell is not None:
-                tell(f"note: {made:,} runs of the simulator were made")
+                tell(f"note: made {count(made, 'run')} of the simulator")
 
 
 def identified(

@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import FILE
-from aleator.errors import AleatorError, StoreError, short
+from aleator.errors import AleatorError, StoreError, count, short
 from aleator.simulators import Simulator, Store, records
 from aleator.study import load_study
 from aleator.views import runs as report
@@ -114,8 +114,8 @@ def show(target: Path, number: int | None, failures: bool) -> None:
 def export(target: Path, file: Path) -> None:
     """Write the runs to FILE, a row a run: .csv, or .parquet (which needs pyarrow)."""
     with opened(target) as at:
-        count = records.write(records.stored_runs(at.store, at.fingerprint), file)
-    click.echo(f"Written: {file}, {count:,} runs")
+        written = records.write(records.stored_runs(at.store, at.fingerprint), file)
+    click.echo(f"Written: {file}, {count(written, 'run')}")
 
 
 @runs.command("import")
@@ -132,7 +132,7 @@ def import_(target: Path, file: Path) -> None:
         if not at.store.writable:
             raise StoreError(f"{short(at.store.path)} is read-only", "name another store")
         found = records.read(at.store, file, at.simulator)
-    click.echo(f"{found.added:,} runs added, {found.present:,} were there already")
+    click.echo(f"{count(found.added, 'run')} added, {found.present:,} were there already")
     if found.different:
         click.echo(f"{found.different:,} of these have another outcome there, which stays")
 
@@ -146,8 +146,8 @@ def retry(target: Path) -> None:
     failed runs that did not stop a study, such as those of `aleator box`.
     """
     with opened(target) as at:
-        count = records.retry(at.store, at.fingerprint)
-    click.echo(f"{count:,} failures are forgotten")
+        forgotten = records.retry(at.store, at.fingerprint)
+    click.echo(f"Forgotten: {count(forgotten, 'failure')}")
 
 
 @runs.command()
@@ -173,12 +173,12 @@ def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, y
             or (old and held.simulator.fingerprint != at.fingerprint)
             or (fingerprint and held.simulator.fingerprint.startswith(fingerprint))
         ]
-        count = sum(held.runs for held in chosen)
+        size = sum(held.runs for held in chosen)
         if not chosen:
             click.echo("There is nothing to forget")
         elif yes:
             records.forget(at.store, [held.simulator.fingerprint for held in chosen])
-            click.echo(f"{count:,} runs are forgotten")
+            click.echo(f"Forgotten: {count(size, 'run')}")
         else:
             Console().print(report.holdings(chosen, at.fingerprint, short(at.store.path)))
-            raise AleatorError(f"{count:,} runs would be forgotten for good", "say --yes to do it")
+            raise AleatorError(f"this forgets {count(size, 'run')} for good", "say --yes to do it")

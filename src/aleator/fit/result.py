@@ -113,6 +113,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             drawn,
             len(table.ids),
             covariates(table, likelihood.inputs.covariates),
+            inference,
         ),
         log_likelihood=replace(
             log_likelihood,

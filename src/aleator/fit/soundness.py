@@ -12,7 +12,7 @@ from aleator.core.types import Array, Flags
 from aleator.fit.emulate import Emulation
 from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
-from aleator.fit.rounds import EMULATION, EmulatorError
+from aleator.fit.rounds import EMULATION, EmulatorError, stalled
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
 from aleator.inference.identifiability import exchanged, identifiability_warnings, left_open
@@ -65,9 +65,16 @@ def _better(emulation: Emulation) -> Iterator[str]:
     if narrower:
         yield f"narrow the limits of {listed(narrower)} to what you know"
     yield "see whether the outcome has a jump or a kink, and narrow the box to one side of it"
-    choice = emulation.question.choices.surfaces
-    if choice is not None and emulation.processes.made.max() >= choice.max_runs:
+    if _exhausted(emulation):
         yield f"allow more runs (max_runs); {_kept(runner)}"
+
+
+def _exhausted(emulation: Emulation) -> int:
+    """The largest number of runs of a condition, if one has had them; else zero."""
+    choice = emulation.question.choices.surfaces
+    if choice is None or emulation.processes.made.max() < choice.max_runs:
+        return 0
+    return choice.max_runs
 
 
 def _kept(runner: Runner) -> str:
@@ -97,16 +104,24 @@ def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
 def _ended_early(emulation: Emulation) -> Diagnostic:
     """What the rounds have left unknown, and how many runs are expected to be enough."""
     error, account = emulation.error, emulation.question.runner.account
-    ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
     whole = emulation.expected_runs(EMULATION.enough)
     enough = f" (some {whole:,.0f} in all are expected to do)" if np.isfinite(whole) else ""
+    remedy = f"allow more runs{enough}; {_kept(emulation.question.runner)}"
+    ended = "the largest number of rounds ended the runs"
+    if account.refused:
+        ended = f"the budget of {account.budget} ended the runs"
+    elif stalled(emulation.told, emulation.maxima, emulation.settings):
+        ended = "the runs ended because more of them did not make the emulator more exact"
+        remedy = "; ".join(_better(emulation))
+    elif most := _exhausted(emulation):
+        ended = f"max_runs = {most} ended the runs"
     doubt = f"; {_contradicted(error)}, so that this is too small" if error.doubted else ""
     return Diagnostic(
         BUDGET if account.refused else EMULATOR,
-        f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
+        f"{ended}: the emulator of the simulator moves the estimates by about "
         f"{error.alpha:.2g} standard errors, and the log-likelihood by {error.log_likelihood:.2g}"
         f"{doubt}",
-        f"allow more runs{enough}; {_kept(emulation.question.runner)}",
+        remedy,
     )
 
 

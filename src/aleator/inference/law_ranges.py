@@ -13,7 +13,7 @@ from scipy import special
 from aleator.core.types import Array
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.factors import LawsByLevel
-from aleator.inference.information import INTERVALS
+from aleator.inference.information import INTERVALS, Inference
 from aleator.laws.covariates import Table
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -25,7 +25,7 @@ ENDS = np.array(INTERVALS.ends)
 
 @dataclass(frozen=True)
 class RangeSettings:
-    """Settings of the range of laws that follow covariates. The values are chosen by judgement."""
+    """Settings of the ranges of laws and of their quantities; the values are by judgement."""
 
     experiments: int = 200
     """The most experiments whose laws are averaged; they are chosen evenly."""
@@ -33,6 +33,9 @@ class RangeSettings:
     """About how many values of all these laws together form the mean law: its quantiles are then
     exact to 1e-4 of probability.
     """
+    step: float = 1e-3
+    """Step of the derivatives of quantities, in standard errors; of a hyperparameter without one,
+    relative to it."""
 
 
 RANGES = RangeSettings()
@@ -44,16 +47,17 @@ def law_ranges(
     draws: AlphaDraws,
     count: int,
     covariates: Table | None = None,
+    inference: Inference | None = None,
 ) -> dict[str, LawRange]:
     """The 95 % range of each scattering parameter, by name, for `count` experiments.
 
     q_p = F^-1(p | alpha) for p = 2.5 and 97.5 %, at the estimate; the interval of an end is that of
     the same quantiles of q_p over the `draws` of alpha, made longer where the estimate lies beyond,
-    and so are those of the law's quantities (`Law.customary`). `hyperparameters` (K,) are those of
-    alpha. If a law follows covariates, F is the mean of the laws of the experiments; if one of them
-    is a factor of few levels, each level has its range too, which takes the `covariates` of the
-    experiments. A law without finite quantiles is left out. Cost: milliseconds, with covariates a
-    second.
+    and so are those of the law's quantities (`Law.customary`), whose standard errors follow from
+    `inference`. `hyperparameters` (K,) are those of alpha. If a law follows covariates, F is the
+    mean of the laws of the experiments; if one of them is a factor of few levels, each level has
+    its range too, which takes the `covariates` of the experiments. A law without finite quantiles
+    is left out. Cost: milliseconds, with covariates a second.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(2.0, 0.5)})
@@ -71,7 +75,9 @@ def law_ranges(
             continue
         apart, law = LawsByLevel.of(inputs, i, covariates), inputs.law(i)
         known, follows = name not in unknown, _follows(inputs, i)
-        own = {} if follows else _quantities(law, partial(_values, inputs, i), draws, known=known)
+        own = {}
+        if not follows:
+            own = _quantities(law, partial(_values, inputs, i), draws, inference, known=known)
         found[name] = LawRange(
             **_told(ends, known=known), quantities=own, level=inputs.levels.get(name),
             follows=follows,
@@ -81,7 +87,9 @@ def law_ranges(
             by_level = {
                 level: LawEnds(
                     **_told(each[e], known=known),
-                    quantities=_quantities(law, partial(_values_at, apart, e), draws, known=known),
+                    quantities=_quantities(
+                        law, partial(_values_at, apart, e), draws, inference, known=known
+                    ),
                 )
                 for e, level in enumerate(apart.levels)
             }
@@ -117,19 +125,58 @@ def _with_estimate(value: float, interval: tuple[float, float]) -> tuple[float, 
 
 
 def _quantities(
-    law: Law, values: Callable[[Array], Array], draws: AlphaDraws, *, known: bool
+    law: Law,
+    values: Callable[[Array], Array],
+    draws: AlphaDraws,
+    inference: Inference | None,
+    *,
+    known: bool,
 ) -> dict[str, LawQuantity]:
     """The quantities by which a law is usually told; `values` has its (k,) values at an alpha."""
     if all(h.is_number for h in law.hyperparameters):
         return {}
+
+    def told(alpha: Array) -> Array:
+        return np.array([*law.customary(values(alpha)).values()])
+
     estimate = law.customary(values(draws.estimate))
-    each = np.array([[*law.customary(values(alpha)).values()] for alpha in draws.alpha])
+    each = np.array([told(alpha) for alpha in draws.alpha])
+    errors = _standard_errors(told, draws.estimate, inference)
     found = {}
     for q, (name, value) in enumerate(estimate.items()):
         low, high = quantiles(each[:, q], draws.weights, ENDS).tolist()
         sure = known and np.isfinite(low) and np.isfinite(high)
-        found[name] = LawQuantity(value, _with_estimate(value, (low, high)) if sure else None)
+        interval = _with_estimate(value, (low, high)) if sure else None
+        error = float(errors[q]) if sure and np.isfinite(errors[q]) else None
+        found[name] = LawQuantity(value, interval, error)
     return found
+
+
+def _standard_errors(
+    of: Callable[[Array], Array],
+    alpha: Array,
+    inference: Inference | None,
+    settings: RangeSettings = RANGES,
+) -> Array:
+    """The standard errors (Q,) of quantities of alpha by the delta method, sqrt(g' C g).
+
+    g are their derivatives by the hyperparameters that have a standard error, by differences. NaN
+    where these have none, or where another one moves the quantity.
+    """
+    unknown = np.full(of(alpha).shape, np.nan)
+    if inference is None or not inference.positive:
+        return unknown
+    size = np.abs(alpha) * settings.step
+    size[inference.free] = settings.step * inference.standard_error[inference.free]
+    slopes = np.zeros((alpha.size, unknown.size))
+    held = np.setdiff1d(inference.identified, inference.free)
+    with np.errstate(all="ignore"):
+        for k in inference.identified:
+            moved = np.where(np.arange(alpha.size) == k, size, 0.0)
+            slopes[k] = (of(alpha + moved) - of(alpha - moved)) / (2.0 * size[k])
+        free = slopes[inference.free]
+        errors = np.sqrt(np.einsum("fq,fg,gq->q", free, inference.covariance, free))
+    return np.where(np.any(slopes[held] != 0.0, axis=0), np.nan, errors)
 
 
 def _values(inputs: Inputs, i: int, alpha: Array) -> Array:

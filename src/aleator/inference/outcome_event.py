@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array, Flags
 from aleator.errors import InputsError, described, nearest
 from aleator.inference.rare_events import Event
 from aleator.observations.responses import Transform
@@ -102,13 +103,35 @@ class OutcomeEvent:
                     f"{self.outcome}",
                     "give a positive number: all outcomes are above zero",
                 )
-        low = float(transform(self.low)) if np.isfinite(self.low) else self.low
-        high = float(transform(self.high)) if np.isfinite(self.high) else self.high
+        low, high = self._ends(transform)
         # An `Event` is an open interval: an end that belongs to it is moved by one rounding.
         return Event((
             (np.nextafter(low, -np.inf) if self.ends_included[0] else low,
              np.nextafter(high, np.inf) if self.ends_included[1] else high),
         ))  # fmt: skip
+
+    def met_by(self, lower: Array, upper: Array, transform: Transform) -> tuple[Flags, Flags]:
+        """Which measured values (M,) are in the event, and of which their bounds leave it open.
+
+        The bounds `lower` and `upper` are on the scale of the likelihood; equal ones are an exact
+        value. What is known by bounds only does not lie on them.
+
+        >>> runs, stopped = np.array([3.0, 5.0, 5.0, 2.0]), np.array([3.0, 5.0, np.inf, np.inf])
+        >>> event = OutcomeEvent.of("life > 5", ["life"])
+        >>> [each.tolist() for each in event.met_by(runs, stopped, Transform.NONE)]
+        [[False, False, True, False], [False, False, False, True]]
+        """
+        low, high = self._ends(transform)
+        exact = lower == upper
+        within = (lower >= low) & (upper <= high) & ~exact
+        without = (upper <= low) | (lower >= high)
+        met = within | (exact & self.on(transform).holds(lower))
+        return met, ~(exact | within | without)
+
+    def _ends(self, transform: Transform) -> tuple[float, float]:
+        ends = (self.low, self.high)
+        low, high = (float(transform(end)) if np.isfinite(end) else end for end in ends)
+        return low, high
 
     def __str__(self) -> str:
         signs = ["<=" if included else "<" for included in self.ends_included]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array
+from aleator.errors import count
 from aleator.observations.experiments import Experiments
 
 
@@ -121,7 +122,7 @@ def odd_repeats(
     """
     rows = Counter(names)
     usual, _ = Counter(rows.values()).most_common(1)[0] if rows else (0, 0)
-    odd = [name for name, count in rows.items() if count != usual]
+    odd = [name for name, size in rows.items() if size != usual]
     if len(odd) > settings.share * len(rows):
         return []
     found: dict[str, list[str]] = {name: [] for name in odd}
@@ -129,7 +130,7 @@ def odd_repeats(
         if name in found:
             found[name].append(place)
     return [
-        f"{name} has {len(at)} row{'s' if len(at) > 1 else ''} ({', '.join(at)}) where the others "
+        f"{name} has {count(len(at), 'row')} ({', '.join(at)}) where the others "
         f"have {usual}: one experiment, or a typing error?"
         for name, at in found.items()
     ]

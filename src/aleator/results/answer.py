@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.errors import count
 from aleator.observations.gross_errors import gross_errors
 from aleator.results.findings import answers_to_questions, findings
 from aleator.results.printed import (
@@ -24,7 +25,6 @@ from aleator.results.printed import (
     TextTable,
     Thresholds,
     between,
-    count,
     heads,
     listed,
     number,
@@ -115,10 +115,10 @@ def lead(document: Document) -> tuple[Sentence, ...]:
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
     seen = document.get("observations") or ()
     bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
-    values = f" with {len(seen):,} observations" if seen else ""
+    values = f" with {count(len(seen), 'observation')}" if seen else ""
     values += f" ({bounds:,} of them bounds only)" if bounds else ""
     counted = "runs" in document and document.get("propagation") != "direct"
-    runs = f", {document['runs']:,} different runs of the simulator" if counted else ""
+    runs = f", {count(document['runs'], 'different run')} of the simulator" if counted else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
@@ -193,9 +193,9 @@ def estimates(document: Document) -> TextTable:
 def quantities(document: Document) -> TextTable:
     """The table of the quantities by which the laws are usually told; without rows if none are.
 
-    >>> median = {"estimate": 1.0, "interval": [0.8, 1.3]}
+    >>> median = {"estimate": 1.0, "interval": [0.8, 1.3], "standard_error": 0.13}
     >>> quantities({"ranges": {"k": {"quantities": {"median": median}}}}).rows
-    [('k.median', '1.00', '0.80 .. 1.30')]
+    [('k.median', '1.00', '0.13', '0.80 .. 1.30')]
     """
     rows = []
     for name, entry in (document.get("ranges") or {}).items():
@@ -203,12 +203,11 @@ def quantities(document: Document) -> TextTable:
         laws = [("", entry), *((f"[{entry.get('factor')}={each}]", own) for each, own in levels)]
         for at, law in laws:
             for what, one in (law.get("quantities") or {}).items():
-                ends = one.get("interval")
-                error = (ends[1] - ends[0]) / 4.0 if ends else None
-                shown = with_error(one["estimate"], error, estimate=True)[0]
+                error = one.get("standard_error")
+                shown = with_error(one["estimate"], error, estimate=True)
                 head = label(document, f"{name}.{what}{at}")
-                rows.append((head, shown, between(ends, error)))
-    columns = heads("of the laws", ">estimate", ">95 % interval")
+                rows.append((head, *shown, between(one.get("interval"), error)))
+    columns = heads("of the laws", ">estimate", ">std. error", ">95 % interval")
     return TextTable(columns, rows, "quantities", "Quantities of the laws")
 
 
@@ -314,8 +313,9 @@ def _soundness(document: Document) -> Sentence:
         checked = "; not verified on the simulator"
     if doubts := [*_doubts(document)]:
         said, why, remedies = ([*dict.fromkeys(part)] for part in zip(*doubts, strict=True))
+        meant = "; ".join(filter(None, why))
         return Sentence(
-            f"Computed soundly, but {', and '.join(said)}: {'; '.join(why)}.",
+            f"Computed soundly, but {', and '.join(said)}{f': {meant}' if meant else ''}.",
             "open",
             remedy="; ".join(remedies),
         )
@@ -324,6 +324,9 @@ def _soundness(document: Document) -> Sentence:
 
 def _doubts(document: Document) -> Iterator[tuple[str, str, str]]:
     """What the experiments leave open: in the words of a verdict, what it means, and its remedy.
+
+    What an sd at its lower limit means is told beside the range of its parameter, among the
+    findings.
 
     >>> one = {"alpha": {"k.sd": {"at_bound": "lower"}, "k.mean": {"cut": "upper"}}}
     >>> for what, *_ in _doubts(one):
@@ -347,9 +350,7 @@ def _doubts(document: Document) -> Iterator[tuple[str, str, str]]:
         flat = side == "lower" and what == "sd" and of != "noise" and not of.startswith("noise.")
         yield (
             f"{name} ends on its {side} limit",
-            f"as far as these data tell, {of} need not scatter more than that"
-            if flat
-            else f"the most likely {name} may lie beyond",
+            "" if flat else f"the most likely {name} may lie beyond",
             'take law = "constant" for a parameter that need not scatter' if flat else WIDEN,
         )
     if cut := [name for name in cut_by_limits(document) if name not in {*left, *ends}]:

@@ -11,6 +11,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from aleator.errors import count
 from aleator.results.printed import (
     AMOUNTS,
     NONE,
@@ -300,10 +301,20 @@ def answers_to_questions(document: Document) -> Iterator[Sentence]:
             share = _share(answer, shared=not own, sound=_sound(document))
             told = [f"{_event(answer, answer.event, whose, unit)} {share}"]
         if not answer.reason:
-            told += [CAUTIONS.get(answer.status, ""), beyond]
+            told += [_measured(answer), CAUTIONS.get(answer.status, ""), beyond]
         yield _found(
             f"At {listed(at)}" if at else "A new experiment", "; ".join(filter(None, told))
         )
+
+
+def _measured(answer: OutcomeAnswer) -> str:
+    """How many of the values measured under the conditions are as the answer says."""
+    seen = answer.measured
+    if seen is None:
+        return ""
+    there = " under these conditions" if answer.at else ""
+    left = f", and bounds leave {seen.open} of them open" if seen.open else ""
+    return f"it did in {seen.inside} of {count(seen.values, 'value')} measured{there}{left}"
 
 
 def _event(answer: OutcomeAnswer, event: str, whose: str, unit: str) -> str:
@@ -320,6 +331,7 @@ def _share(
     """How frequent an event is: a share of experiments, or a probability.
 
     It is a probability where the event is rare, and where experiments have its parameter `shared`.
+    With an interval it is the mean over the plausible laws, not the value at the estimate.
     """
     value, ends = answer.probability, (answer.lower, answer.upper)
     if value is None:
@@ -329,7 +341,7 @@ def _share(
     low, high = (
         NONE if end is None else _percent(end) if as_share else chance(end) for end in ends
     )
-    sure = f" (95 % interval {low.removesuffix(' %')} to {high})"
+    sure = f" (mean over the plausible laws; 95 % interval {low.removesuffix(' %')} to {high})"
     told = (
         f"in {_percent(value)} of experiments" if as_share else f"with probability {chance(value)}"
     )

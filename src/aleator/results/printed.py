@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from scipy.stats import binom
 
-from aleator.errors import quoted
+from aleator.errors import count, quoted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,15 +113,6 @@ def to_three(value: float | None) -> str:
     ('262.512', '-')
     """
     return NONE if value is None else f"{value:.3f}"
-
-
-def count(size: int, what: str) -> str:
-    """A number with its noun, which is in the plural unless the number is one.
-
-    >>> count(1, "experiment"), count(1200, "run")
-    ('1 experiment', '1,200 runs')
-    """
-    return f"{size:,} {what}{'' if size == 1 else 's'}"
 
 
 def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
@@ -468,7 +459,7 @@ def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AM
         border=0, float_format=lambda value: number(value), na_rep="-", notebook=False
     )
     more = len(table) - amounts.notebook
-    said = [f"and {more:,} more rows"] if more > 0 else []
+    said = [f"and {count(more, 'more row')}"] if more > 0 else []
     said += [sentence for sentence in sentences if sentence]
     ending = "".join(_paragraph(Sentence(sentence)) for sentence in said[:-1])
     ending += "".join(_paragraph(Sentence(sentence, "strong")) for sentence in said[-1:])

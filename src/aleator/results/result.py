@@ -192,12 +192,17 @@ class Result(Plain):
     def quantities(self) -> pd.DataFrame:
         """The quantities by which the laws are usually told, such as the median of a lognormal law.
 
-        The columns are the estimate, and the ends lower and upper of a 95 % interval over draws of
-        alpha (see `LawRange`); NaN where it is not known. A row is named as in ``x.median``; of a
-        law that follows a factor there is one for each level, as in ``x.median[oil=a]``.
+        The columns are the estimate, its standard error, and the ends lower and upper of its 95 %
+        interval over draws of alpha (see `LawQuantity`); NaN where these are not known. A row is
+        named as in ``x.median``; of a law that follows a factor there is one for each level, as in
+        ``x.median[oil=a]``.
         """
         rows = {
-            f"{name}.{what}{at}": (one.estimate, *(one.interval or (np.nan, np.nan)))
+            f"{name}.{what}{at}": (
+                one.estimate,
+                one.standard_error,
+                *(one.interval or (np.nan, np.nan)),
+            )
             for name, entry in self.ranges.items()
             for at, law in [
                 ("", entry),
@@ -205,7 +210,7 @@ class Result(Plain):
             ]
             for what, one in law.quantities.items()
         }
-        columns = ["estimate", "lower", "upper"]
+        columns = ["estimate", "standard_error", "lower", "upper"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @property

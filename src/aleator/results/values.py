@@ -129,6 +129,19 @@ class Estimate(Plain):
 
 
 @dataclass(frozen=True)
+class MeasuredThere(Plain):
+    """How many of the `values` measured under the conditions of a question are as it asks.
+
+    `inside` are in the event, or within the limits. `open` are known by a bound only, which leaves
+    that open.
+    """
+
+    values: int
+    inside: int
+    open: int
+
+
+@dataclass(frozen=True)
 class OutcomeAnswer(Plain):
     """The answer to a question about one outcome of a new experiment (`OutcomeQuestion`).
 
@@ -136,8 +149,10 @@ class OutcomeAnswer(Plain):
     for the limits of a `content`, a `confidence` and a `side`. `at` are the conditions, and `noise`
     says whether the measured or the true value is meant. `lower` and `upper` are the 95 % interval
     of the `probability`, or the limits. `error` is the standard error of the computation. `beyond`
-    says how far the conditions lie outside those of the experiments, in words. Without an answer
-    the `status` is "failed" or "interrupted", and `reason` says why.
+    says how far the conditions lie outside those of the experiments, in words. `measured` is what
+    the experiments under exactly these conditions show; None where there are none, and where the
+    question is about the true value or a parameter, which is not measured. Without an answer the
+    `status` is "failed" or "interrupted", and `reason` says why.
     """
 
     outcome: str
@@ -152,6 +167,7 @@ class OutcomeAnswer(Plain):
     upper: float | None = None
     error: float | None = None
     beyond: str = ""
+    measured: MeasuredThere | None = None
     status: str = "solved"
     reason: str = ""
 
@@ -195,11 +211,13 @@ class LawQuantity(Plain):
     """A quantity by which a law is usually told, such as the median of a lognormal law.
 
     `estimate` is that of the law at the estimate of alpha. `interval` holds 95 % of the quantity
-    over draws of alpha; it is None where the uncertainty of a hyperparameter of the law is unknown.
+    over draws of alpha, and `standard_error` follows from those of the hyperparameters (delta
+    method); they are None where the uncertainty of a hyperparameter of the law is unknown.
     """
 
     estimate: float
     interval: tuple[float, float] | None
+    standard_error: float | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from aleator.core.types import Array, Flags
-from aleator.errors import SimulatorError, setting, short
+from aleator.errors import SimulatorError, count, setting, short
 from aleator.observations.tables import real_numbers
 from aleator.simulators.execution import RunCache
 from aleator.simulators.function import FunctionSimulator
@@ -97,7 +97,8 @@ class Messages:
         experiments = np.unique(self.units.experiment[units])
         return self._no_outcome(
             f" {message} for {self._run(tried, row)}: {np.sum(failed)} of "
-            f"{len(tried)} runs failed so, in {len(experiments)} of {len(self.ids)} experiments",
+            f"{count(len(tried), 'run')} failed so, in {len(experiments)} of "
+            f"{count(len(self.ids), 'experiment')}",
             f"{self._narrower(tried, row)}; or check the conditions of the experiment: "
             f"{self._conditions(tried, row)}",
             tried,
@@ -222,7 +223,7 @@ def notified(
     except BaseException:
         if cache.store.added:
             say(
-                f"{cache.store.added:,} new runs are kept in {short(cache.store.path)}: the same "
+                f"{short(cache.store.path)} keeps {count(cache.store.added, 'new run')}: the same "
                 "command goes on from there"
             )
         raise
@@ -232,12 +233,12 @@ def _tell_at_start(cache: RunCache, study: str, say: Callable[[str], None]) -> N
     path, identity = short(cache.store.path), cache.identity
     stored = cache.at_start
     if stored.runs:
-        failed = f", {stored.failures:,} of them failures" if stored.failures else ""
-        say(f"{path} has {stored.runs:,} runs of this simulator{failed}; none is repeated")
+        failed = f", {stored.failures:,} of them failed" if stored.failures else ""
+        say(f"{path} has {count(stored.runs, 'run')} of this simulator{failed}; none is repeated")
     if stored.other:
         say(
-            f"{path} has {stored.other:,} runs of '{identity.name}' with other files or settings; "
-            f"they are not used (aleator runs list {study})"
+            f"{path} has {count(stored.other, 'run')} of '{identity.name}' with other files or "
+            f"settings, not used here (aleator runs list {study})"
         )
     if not cache.store.writable:
         say(f"{path} is read-only: its runs are used, new ones are not kept")

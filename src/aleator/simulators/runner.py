@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, count
 from aleator.simulators.direct import DirectRuns
 from aleator.simulators.dispatch import BATCHING, Batching, slots
 from aleator.simulators.execution import Execution, RunCache, RunProgress
@@ -55,7 +55,7 @@ class Budget:
 
     def __str__(self) -> str:
         """The budget in words, for messages."""
-        runs = [] if self.runs is None else [f"{self.runs:,} runs"]
+        runs = [] if self.runs is None else [count(self.runs, "run")]
         hours = [] if self.hours is None else [f"{self.hours:g} h"]
         return " and ".join(runs + hours)
 
@@ -287,9 +287,15 @@ class Runner:
         return self._direct.lost, self._direct.failures
 
     def require_some_outcome(self) -> None:
-        """Raise NoOutcome, with the first reason, if every run of `straight` so far failed."""
-        lost, failures = self.lost
-        if lost and lost == self._direct.count:
+        """Raise NoOutcome, with the first reason, if every run failed.
+
+        Where there are runs of `straight`, these are meant.
+        """
+        made, (lost, failures) = self._direct.count, self.lost
+        if not made:
+            made, failures = len(self._memory), self.failures
+            lost = len(failures)
+        if lost and lost == made:
             raise self._messages.excess(failures, lost, lost)
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.core.types import Array, Flags
-from aleator.errors import ExperimentsError
+from aleator.errors import ExperimentsError, count
 from aleator.observations.tables import Table
 from aleator.study.roles import Sheet
 
@@ -186,10 +186,10 @@ class _Records:
 
     def notes(self, doses: dict[str, list[Dose]]) -> Iterator[str]:
         """What became of the records, in words."""
-        count = sum(map(len, doses.values()))
+        given = sum(map(len, doses.values()))
         yield (
-            f"NONMEM records: {int(self.measured.sum())} observations and {count} doses of "
-            f"{len(doses)} subjects"
+            f"NONMEM records: {count(int(self.measured.sum()), 'observation')} and "
+            f"{count(given, 'dose')} of {count(len(doses), 'subject')}"
         )
         rows = np.flatnonzero(self.measured)
         if bounds := sum(self.cells[row][0] in "<>" or self.upper[row] != "" for row in rows):

@@ -253,7 +253,7 @@ def offered_by_command(command: str, template: Path | None = None) -> Offer:
     """The inputs of a program: the placeholders of its command, `./spring {force} {stiffness}`.
 
     With the placeholder {input} they are also those of the `template` of the input file, between
-    {{ and }} if it has any such, else between { and }. Raises SimulatorError if there is no
+    the first of `MARKS` that hold names and nothing else. Raises SimulatorError if there is no
     placeholder.
 
     >>> offered_by_command("./spring {force} {stiffness:.3f}").names
@@ -268,14 +268,12 @@ def offered_by_command(command: str, template: Path | None = None) -> Offer:
         )
     further: dict[str, object] = {}
     if template is not None:
-        text = template.read_text(encoding="utf-8", errors="replace")
-        doubled = Delimiters("{{", "}}")
-        marks = doubled if Text.parse(text, doubled).names else Delimiters()
-        names = (*names, *Text.parse(text, marks, f"the template {template.name}").names)
+        marks, own = _placeholders(template)
+        names = (*names, *own)
         stem = template.stem if Path(template.stem).suffix else f"{template.stem}.dat"
         further = {"template": template.name, "input": stem}
-        if marks == doubled:
-            further["delimiters"] = [doubled.opening, doubled.closing]
+        if marks != Delimiters():
+            further["delimiters"] = [marks.opening, marks.closing]
     names = tuple(name for name in dict.fromkeys(names) if name not in (STUDY, INPUT, ROWS))
     if not names:
         raise SimulatorError(
@@ -286,6 +284,38 @@ def offered_by_command(command: str, template: Path | None = None) -> Offer:
         )
     given = tuple(SimulatorInput(name, required=True) for name in names)
     return Offer("command", command, given, (), further=further)
+
+
+MARKS = (
+    Delimiters("{{", "}}"), Delimiters(), Delimiters("<", ">"), Delimiters("$", "$"),
+    Delimiters("@", "@"),
+)  # fmt: skip
+"""The marks of placeholders that are looked for in a template, in this order."""
+_NAME = re.compile(r"[^\W\d][\w.-]*( \w[\w.-]*)*")
+
+
+def _placeholders(template: Path) -> tuple[Delimiters, tuple[str, ...]]:
+    """The marks of the placeholders of a template, and their names; none where it has none.
+
+    Marks that hold something else than a name belong to the program, as the braces of SPICE do.
+    Raises SimulatorError if no other marks hold names then.
+    """
+    text = template.read_text(encoding="utf-8", errors="replace")
+    other = ""
+    for marks in MARKS:
+        held = [match["name"].strip() for match in re.finditer(marks.pattern, text)]
+        odd = [words for words in held if not _NAME.fullmatch(words)]
+        if held and not odd:
+            return marks, Text.parse(text, marks, f"the template {template.name}").names
+        if odd and marks == Delimiters():
+            other = odd[0]
+    if other:
+        raise SimulatorError(
+            f"the template {template.name}: {{{other}}} is no place for a value, as {other} is no "
+            "name; so its braces belong to the program",
+            "write <NAME> where the value of a condition or a parameter goes, or $NAME$ or @NAME@",
+        )
+    return Delimiters(), ()
 
 
 def written_by(command: str) -> str | None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from aleator.core.arithmetic import NoArithmeticError, require_arithmetic, tree
 from aleator.core.toml_text import key, written
-from aleator.errors import ExperimentsError, StudyError
+from aleator.errors import ExperimentsError, StudyError, count
 from aleator.observations import tables
 from aleator.observations.tables import Table
 from aleator.study.proposal_text import line, remarked
@@ -100,10 +100,12 @@ def petab_study(problem: Path, folder: Path, table: str, function: str) -> Petab
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(reading.columns)
     writer.writerows(zip(*reading.columns.values(), strict=True))
-    count = sum(one.limits is not None for one in parameters)
+    free = sum(one.limits is not None for one in parameters)
     first = (
-        f"PEtab problem: {len(reading.used)} measurements of {', '.join(reading.formulas)} under "
-        f"{len({*reading.columns[_CONDITION]})} conditions, {count} parameters to be identified"
+        f"PEtab problem: {count(len(reading.used), 'measurement')} of "
+        f"{', '.join(reading.formulas)} under "
+        f"{count(len({*reading.columns[_CONDITION]}), 'condition')}, "
+        f"{count(free, 'parameter')} to be identified"
     )
     model = "" if reading.model is None else Path(os.path.relpath(reading.model, folder)).as_posix()
     return PetabStudy(

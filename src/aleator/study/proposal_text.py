@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from aleator.core.toml_text import key, written
+from aleator.errors import count
 from aleator.study.offers import Offer, SimulatorInput, without_unit, written_by
 from aleator.study.proposal import Proposal, Proposed
 
@@ -55,8 +56,8 @@ def notes(proposal: Proposal) -> list[str]:
     said.append(f"conditions: {', '.join(proposal.conditions) or 'none'}")
     if proposal.repeated:
         said.append(
-            f"repeated: {len(proposal.sheet.table)} rows of {proposal.experiments} experiments, "
-            f"named by the column {proposal.id}"
+            f"repeated: {count(len(proposal.sheet.table), 'row')} of "
+            f"{count(proposal.experiments, 'experiment')}, named by the column {proposal.id}"
         )
     laws = [each.name for each in proposal.parameters if each.scatters]
     known = [each.name for each in proposal.parameters if not each.scatters]
@@ -86,6 +87,8 @@ def notes(proposal: Proposal) -> list[str]:
     ]
     said += [f"no numbers in column {name}: {cells}" for name, cells in proposal.unread.items()]
     file = written_by(proposal.offer.value) if proposal.offer.kind == "command" else None
+    if isinstance(marks := proposal.offer.further.get("delimiters"), list):
+        said.append(f"the values of a run are written in place of {'NAME'.join(marks)}")
     if file is not None:
         said.append(f"the outcome is read from {file}, by the name {proposal.outcomes[0]}: if the "
                     "program calls it otherwise, change output in [simulator]")  # fmt: skip

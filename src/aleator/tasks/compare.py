@@ -14,7 +14,7 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
-from aleator.errors import ExperimentsError, InputsError, nearest
+from aleator.errors import ExperimentsError, InputsError, count, nearest
 from aleator.inference.fit import Fit, names_of, refitted
 from aleator.inference.information import infer
 from aleator.inference.model_choice import (
@@ -167,7 +167,7 @@ class Comparison:
     def _repr_html_(self) -> str:
         """The table in a notebook."""
         best = f"{self.models[0].name} predicts best." if len(self.models) > 1 else ""
-        head = f"{len(self.models)} models of {len(self.ids)} experiments"
+        head = f"{count(len(self.models), 'model')} of {count(len(self.ids), 'experiment')}"
         return printed.shown(head, self._known(), *self._about_ceiling(), best)
 
     def table(self) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from scipy import stats
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import WORKING_BOX, SimulatorError
+from aleator.errors import WORKING_BOX, SimulatorError, count
 from aleator.fit.question import (
     grids_each,
     is_exact,
@@ -134,7 +134,7 @@ class LookSettings:
     fewest: int = 3
     """The least number of conditions that are simulated."""
     most_failed: float = 0.9
-    """The share of failed runs above which an error is raised."""
+    """The share of failed runs above which an error is raised, if they are ten or more."""
     sure: float = 3.0
     """The number of standard deviations of the noise by which a measured value may lie outside the
     range of simulated values."""
@@ -290,10 +290,7 @@ class Look:
 
     @property
     def without_influence(self) -> Flags:
-        """Which of the n' varied parameters have no effect on any outcome, alone or at corners.
-
-        None has if every run failed: then nothing is known of effects.
-        """
+        """Which of the n' varied parameters have no effect on any outcome, alone or at corners."""
         low, high = self.untransformed(self.reached).T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -304,8 +301,7 @@ class Look:
             for j, pairs in enumerate(self.plan.edges):
                 apart = np.abs(np.diff(own[:, pairs], axis=2)[:, :, 0])
                 swing[:, j] = np.fmax(swing[:, j], np.fmax.reduce(apart, axis=1, initial=0.0))
-        worked = self.failed < self.runs
-        return np.asarray(np.all(~(swing > least[:, None]), axis=0) & worked)
+        return np.asarray(np.all(~(swing > least[:, None]), axis=0))
 
 
 def planned_look(
@@ -342,7 +338,8 @@ def first_look(
 
     Where a measured value is out of reach of these, more runs are made near the closest one, for
     the twenty nearest such values: steps up and down of each parameter, halved up to five times.
-    Single failing runs are counted. Raises SimulatorError if more than nine of ten runs fail.
+    Single failing runs are counted. Raises SimulatorError if all of these runs fail, or more than
+    nine of ten of many.
     """
     progress = progress or Silent()
     cases = plan.cases
@@ -350,6 +347,7 @@ def first_look(
     rest = np.setdiff1d(np.arange(plan.count), cases)
     if rest.size and runner.vectorized:
         values |= _run(runner, rest, plan.x, progress, settings)
+    runner.require_some_outcome()
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]
     there = np.flatnonzero([int(c) in values for c in case])
@@ -606,7 +604,7 @@ def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSetting
 def _run(
     runner: Runner, cases: Indices, x: Array, progress: Progress, settings: LookSettings
 ) -> dict[int, Array]:
-    progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
+    progress.update(f"{count(len(cases) * len(x), 'run')} under {count(len(cases), 'condition')}")
     units = np.repeat(runner.cases.first[cases], len(x))
     found = runner.values(units, np.tile(x, (len(cases), 1)), settings.most_failed)
     return dict(zip(cases.tolist(), found.reshape(len(cases), len(x), -1), strict=True))
@@ -635,8 +633,8 @@ class Cost:
     """The expected number of simulator runs of an identification, from `least` to `most`.
 
     `direct` is true if the simulator itself is run at every quadrature node, without response
-    surfaces. Such runs are not stored. `reused` is true if the identification begins with the
-    stored runs, those of the first look among them.
+    surfaces. Such runs are not stored. `reused` is true if there is a store and the identification
+    begins with its runs, those of the first look among them.
     """
 
     least: int
@@ -682,7 +680,7 @@ def expected_cost(
         each = first_process_runs(cases, known + moving, together, moving * runner.sloped)
         low = each * cases + confirming(runner.sloped) * max(together, usual(cases)) + 1
         high, most = int(settings.process * low), propagation.max_runs * cases
-        return Cost(min(low, most), min(high, most), False, reused=True)
+        return Cost(min(low, most), min(high, most), False, reused=runner.cache is not None)
     few = linear_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples

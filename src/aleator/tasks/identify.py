@@ -113,13 +113,15 @@ def identify(
     experiments. `small_sample` adjusts the intervals for few experiments by Skovgaard's modified
     signed root of the profile (see docs/statistics/intervals.md); the estimates stay. `questions`
     about outcomes of new experiments are answered at the end (`OutcomeQuestion`): `answers` of the
-    result, which the report states in sentences. A question that cannot be answered, or was
-    interrupted, says why, and the rest of the result is there.
+    result, which the report states in sentences. A question that cannot be answered says why, and
+    the rest of the result is there.
 
     Raises AleatorError for input that cannot be used. Ctrl-C raises KeyboardInterrupt, whose note
-    says what became of the runs: a `Runner` with a `Store` keeps all that completed. Numerical
-    failures are statuses and warnings on the result. Cost: the runs of the surfaces and of the
-    check, and some milliseconds for each of some hundred evaluations of the likelihood.
+    says what became of the runs: a `Runner` with a `Store` keeps all that completed. While
+    questions are answered it raises nothing: the result is returned, and the answers that are
+    missing have the status "interrupted". Numerical failures are statuses and warnings on the
+    result. Cost: the runs of the surfaces and of the check, and some milliseconds for each of some
+    hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})

@@ -6,11 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from aleator.errors import AleatorError, InputsError
 from aleator.fit.ledger import Ledger
+from aleator.inference.outcome_event import OutcomeEvent
 from aleator.inference.outcome_question import OutcomeQuestion, require_laws_at
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.results.values import OutcomeAnswer
+from aleator.results.values import MeasuredThere, OutcomeAnswer
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
 from aleator.tasks.new_experiments import Exploration
@@ -171,10 +174,41 @@ def _answers(
         )  # fmt: skip
     beyond = "; ".join(table.attrs["beyond"].values())
     for _, row in table.iterrows():
-        yield replace(_asked(found, question), outcome=row["outcome"], beyond=beyond, **{
+        answer = replace(_asked(found, question), outcome=row["outcome"], beyond=beyond, **{
             name: row[name]
             for name in ("probability", "lower", "upper", "error", "status") if name in row
         })  # fmt: skip
+        event = question.event(found.session.responses, found.units, found.session.parameters)
+        yield replace(answer, measured=_measured(found.session, answer, event))
+
+
+def _measured(
+    session: Session, answer: OutcomeAnswer, event: OutcomeEvent | None
+) -> MeasuredThere | None:
+    """What the values show that were measured under the conditions of an answer, if any were.
+
+    Without an `event` the limits of the answer are meant, which belong to what lies within.
+    """
+    table, names = session.experiments, session.outcomes
+    true = session.noise is not None and not answer.noise
+    if table is None or answer.outcome not in names or true or {*answer.at} - {*table.table}:
+        return None
+    if event is None:
+        low, high = answer.lower, answer.upper
+        if low is None and high is None:
+            return None
+        ends = -np.inf if low is None else low, np.inf if high is None else high
+        event = OutcomeEvent(answer.outcome, *ends, (True, True))
+    alike = np.ones(len(table.table), dtype=bool)
+    for name, value in answer.at.items():
+        alike &= (table.table[name] == value).to_numpy(dtype=bool)
+    seen, response = table.observations, names.index(answer.outcome)
+    own = (seen.response == response) & alike[seen.row] & ~np.isnan(seen.lower)
+    if not own.any():
+        return None
+    transform = session.responses[response].transform
+    met, left = event.met_by(seen.lower[own], seen.upper[own], transform)
+    return MeasuredThere(int(own.sum()), int(met.sum()), int(left.sum()))
 
 
 def _asked(found: Identification, question: OutcomeQuestion) -> OutcomeAnswer:

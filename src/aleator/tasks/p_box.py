@@ -17,7 +17,7 @@ from scipy import special
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError, nearest
+from aleator.errors import InputsError, count, nearest
 from aleator.fit.question import DEFAULT_PROPAGATION, way_of
 from aleator.fit.regions import REGIONS, plausible_alphas, region_of
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
@@ -33,7 +33,6 @@ from aleator.inference.profile import DROP, ENDS
 from aleator.inference.rare_events import Event
 from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions
-from aleator.results.printed import count
 from aleator.results.values import Estimate, in_order
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.arguments import (

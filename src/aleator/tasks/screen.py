@@ -15,7 +15,7 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError, nearest
+from aleator.errors import InputsError, count, nearest
 from aleator.laws import Law, Uniform
 from aleator.moments.expansion import Basis, Expansion, SobolIndices, TotalDegree, sobol_indices
 from aleator.moments.projection import Regression
@@ -78,7 +78,8 @@ class Sensitivity:
     def _repr_html_(self) -> str:
         """The parameters in a notebook, the most important first."""
         rough = "" if self.converged else "The expansions are rough: allow more runs."
-        head = f"Shares of the variance over {len(self.ids)} experiments, {self.runs} runs each"
+        over = count(len(self.ids), "experiment")
+        head = f"Shares of the variance over {over}, {self.runs} runs each"
         return printed.shown(head, self.parameters().set_index("parameter"), rough)
 
     @property

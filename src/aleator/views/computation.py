@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from aleator.errors import count
 from aleator.results.answer import words
 from aleator.results.documents import study_entry
 from aleator.results.printed import (
@@ -16,7 +17,6 @@ from aleator.results.printed import (
     Part,
     Sentence,
     TextTable,
-    count,
     heads,
     number,
     to_three,

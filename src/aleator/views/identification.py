@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
+from aleator.errors import count
 from aleator.results.answer import (
     answer,
     conditional_rows,
@@ -42,7 +43,6 @@ from aleator.results.printed import (
     Sentence,
     TextTable,
     Thresholds,
-    count,
     heads,
     number,
     outside,
@@ -585,7 +585,7 @@ def _experiments(
         for name in names
     ]
     few = f", of which these {len(kept):,} are the least expected"
-    title = f"{len(entries):,} experiments{few if len(kept) < len(entries) else ''}"
+    title = f"{count(len(entries), 'experiment')}{few if len(kept) < len(entries) else ''}"
     told = ", ".join(label(document, name) for name in transforms(document) if name) or "outcome"
     yield Sentence(f"Measured: {told}.{conditional_rows(document)}", depth=PAGE)
     cells = [list(row.values()) for row in rows]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from aleator.errors import count
 from aleator.results.printed import (
     AMOUNTS,
     NONE,
@@ -234,7 +235,7 @@ def ceiling(document: Document) -> Content:
     names = ", ".join(document["region"])
     lead = (
         f"The largest log-likelihood that any law of {names} can have with these experiments: a "
-        f"law of {len(document['points'])} points."
+        f"law of {count(len(document['points']), 'point')}."
     )
     parts = [Sentence(meaning(document)), *map(Sentence, _conditions(document))]
     return Content(

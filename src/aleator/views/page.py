@@ -16,7 +16,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from aleator.errors import AleatorError, installing, quoted
+from aleator.errors import AleatorError, count, installing, quoted
 from aleator.results import documents
 from aleator.results.printed import (
     Chapter,
@@ -25,7 +25,6 @@ from aleator.results.printed import (
     Sentence,
     TextTable,
     cells,
-    count,
     prose,
     verdict_head,
 )

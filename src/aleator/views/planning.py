@@ -8,6 +8,7 @@ from datetime import timedelta
 from itertools import groupby
 from typing import Any
 
+from aleator.errors import count
 from aleator.observations.gross_errors import Slip
 from aleator.results.answer import without_arrays
 from aleator.results.printed import (
@@ -23,7 +24,6 @@ from aleator.results.printed import (
     Sentence,
     TextTable,
     Thresholds,
-    count,
     heads,
     number,
     percent,
@@ -88,7 +88,7 @@ def first_look(document: Document) -> Content:
     parts += without_arrays(document)
     return Content(
         document.get("title") or "First look",
-        [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
+        [Sentence(f"{count(document['runs'], 'run')} under {under}; one takes {took} s.")],
         [
             Chapter("parameters", "Parameters", parts),
             Chapter("reach", "Out of reach", [*_without_runs(document), _out_of_reach(document)]),
@@ -149,12 +149,9 @@ def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
 
 
 def _without_runs(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
-    """A warning that names the experiments of which no run works, if there are some.
-
-    There is none where no run works at all, of which the failures tell.
-    """
+    """A warning that names the experiments of which no run works, if there are some."""
     lost = [*document["lost"].items()]
-    if not lost or document["failed"] == document["runs"]:  # Then no row is to blame.
+    if not lost:
         return []
     named = [f"{name} ({why})" for name, why in lost[: amounts.named]]
     more = f", and {len(lost) - amounts.named} more" if len(lost) > amounts.named else ""
@@ -271,8 +268,9 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
     expansion, outcome = document["expansion"], document["study"]["outcome"]
     missed = expansion["unexplained"]
     lead = (
-        f"Shares of the variance of {outcome} over {len(document['experiments'])} experiments, "
-        f"from expansions of degree {expansion['degree']} with {expansion['terms']} terms and "
+        f"Shares of the variance of {outcome} over "
+        f"{count(len(document['experiments']), 'experiment')}, from expansions of degree "
+        f"{expansion['degree']} with {expansion['terms']} terms and "
         f"{expansion['runs']} runs an experiment. They miss {percent(missed['median'], 1)} of the "
         f"variance in the median, {percent(missed['largest'], 1)} at most (leave-one-out)."
     )
@@ -334,7 +332,7 @@ def next_experiments(document: Document) -> Content:
         f"{_default(document)}{_probability(document)}"
     )
     made = (
-        f"{document['runs']:,} different runs of the simulator for "
+        f"{count(document['runs'], 'different run')} of the simulator for "
         f"{count(len(document['candidates']), 'candidate')}{aim}."
     )
     columns = heads("hyperparameter", ">std. error now", ">after")
@@ -376,8 +374,9 @@ def _gain(document: Document) -> str:
         ""
         if halving is None
         else (
-            f" About {_whole(halving)} experiments like those of the set halve the standard error "
-            "(extrapolated: information grows with their number)."
+            f" About {count(max(math.ceil(halving), 1), 'experiment')} like those of the set would "
+            "halve the standard error, and so the width of a 95 % interval (extrapolated: "
+            "information grows with their number)."
         )
     )
     return f"{begin} {again}{half}"
@@ -396,10 +395,6 @@ def _default(document: Document) -> str:
         " That is the default aim, the standard deviation that is least known for its size; ask "
         f"for another by {other}."
     )
-
-
-def _whole(count: float) -> str:
-    return f"{max(math.ceil(count), 1):,}"
 
 
 def _probability(document: Document) -> str:
@@ -447,7 +442,7 @@ def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, st
         )
     lost = [row["id"] for row in document["candidates"] if row["standard_error"] is None]
     if document["now"] is None:
-        so = f" So does each of {len(lost)} candidates by itself." if lost else ""
+        so = f" So would {count(len(lost), 'candidate')}, each by itself." if lost else ""
         notes.append(("Open", f"the experiments that were made leave it open.{so}"))
     elif lost:
         notes.append(("Cannot be simulated", f"{', '.join(lost[: amounts.candidates])}."))
@@ -499,7 +494,7 @@ def _chosen(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
         cells.append((
             f"{first}" if len(rows) == 1 else f"{first} to {before}",
             last["id"], *(_cell(last[name]) for name in names), _value(last["standard_error"]),
-            f"{last['ties']} others as good" if last["ties"] else "",
+            f"{count(last['ties'], 'other')} as good" if last["ties"] else "",
         ))  # fmt: skip
     left = len(document["chosen"]) - before
     if left:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from aleator.errors import count
 from aleator.inference.information import INTERVALS
 from aleator.results.printed import (
     NONE,
@@ -88,9 +89,11 @@ def posterior(document: Document) -> Content:
         "hyperparameter", ">maximum", ">mean", ">sd", ">95 % interval", ">R-hat", ">ESS", "prior"
     )
     lead = (
-        f"{document['chains']} chains of {document['draws']:,} draws from the posterior of "
-        f"{len(rows)} hyperparameters given {document['experiments']:,} experiments, by "
-        f"{document['evaluations']:,} evaluations of the likelihood, seed {document['seed']}. "
+        f"{count(document['chains'], 'chain')} of {count(document['draws'], 'draw')} from the "
+        f"posterior of {count(len(rows), 'hyperparameter')} given "
+        f"{count(document['experiments'], 'experiment')}, by "
+        f"{count(document['evaluations'], 'evaluation')} of the likelihood, seed "
+        f"{document['seed']}. "
         "The maximum is that of aleator identify; intervals hold the middle 95 % of the draws. "
         "Without a prior a hyperparameter is as likely anywhere between its limits."
     )
