@@ -40,7 +40,7 @@ class ScoreSettings:
     """
     points: int = 600
     """Number of importance points by which scores are checked first. Where they differ, panels
-    decide, which take fifteen times as long with two scattering parameters.
+    decide, which took seven times as long with two scattering parameters (a closing gap).
     """
     differs: float = 0.1
     """Difference from a score by panels, relative to the root mean square of the scores, from which
