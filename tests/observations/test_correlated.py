@@ -177,6 +177,21 @@ def test_residuals_are_whitened_and_draws_are_coloured(tie: str, scale: str) -> 
             np.testing.assert_allclose(marginal[here, j], np.sqrt(np.diag(c)), rtol=1e-12)
 
 
+@pytest.mark.parametrize("scale", ["sd", "power"])
+@pytest.mark.parametrize("tie", TIES)
+def test_ranks_are_density_and_probability_of_measured_values(tie: str, scale: str) -> None:
+    """Where a simulated value does not exist, or is far off or the measured one, too."""
+    noise, values = given(tie, scale)
+    errors, y, eta = of(TABLE, noise), TABLE["y"].to_numpy()[:, None], ETA.copy()
+    eta[OWNER.size - 1] = -np.inf, y[-1, 0], np.nan
+    found = errors.ranks(values, eta, EVERY)
+    assert found is not None
+    density = errors.log_density(values, eta, EVERY)
+    chance = errors.conditional_cdf(values, y, eta, EVERY)
+    np.testing.assert_allclose(found[0], density, rtol=1e-12)
+    np.testing.assert_allclose(found[1], np.nan_to_num(chance), atol=1e-12)
+
+
 @pytest.mark.parametrize("tie", TIES)
 def test_information_is_that_of_the_normal_law(tie: str) -> None:
     noise, values = given(tie, "sd")

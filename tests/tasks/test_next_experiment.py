@@ -26,8 +26,8 @@ from aleator import (
     next_experiments,
 )
 from aleator.core.progress import Silent
-from aleator.inference.design import expected_scores
 from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.virtual_scores import ScoreSettings, expected_scores
 from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions
 from aleator.simulators import as_runner
@@ -47,6 +47,48 @@ def test_expected_information_is_that_of_the_closed_form() -> None:
     assert np.einsum("rc,rck->ck", scores.weights, scores.scores)[:, :2] == pytest.approx(
         0.0, abs=1e-6
     )
+
+
+def test_scores_beyond_a_kink_that_no_measured_value_has_are_those_of_the_closed_form() -> None:
+    """A gap x - t is normal with mean m and variance v, and closes beyond the tested times t.
+
+    With u = v + sd^2, the density of y = max(0, x - t) + sd e has two parts, closed and open:
+        f(y) = Phi(-m/sqrt(v)) phi(y/sd)/sd + N(y; m, u) Phi((m sd^2 + y v)/(sd sqrt(v u))).
+    """
+    rng, times = np.random.default_rng(3), np.tile([0.5, 1.0, 1.5], 12)
+    y = np.repeat(3.0 + 0.3 * rng.standard_normal(12), 3) - times + 0.02 * rng.standard_normal(36)
+    found = unjudged(
+        lambda t, x: np.maximum(0.0, x - t),
+        pd.DataFrame({"id": np.repeat(np.arange(12), 3), "t": times, "y": y}),
+        Inputs({"x": Normal(Free(1.0, 5.0), Free(0.05, 1.0))}),
+        outcome="y",
+        noise=Noise(Free(0.002, 0.2)),
+        vectorized=True,
+        verification=Check(0),
+    )
+    # The second candidate has two rows, so that data sets are drawn.
+    conditions = Conditions.from_frame(pd.DataFrame({"id": ["a", "b", "b"], "t": [3.0, 0.5, 1.0]}))
+    session, alpha = found.session, np.array([3.0, 0.35, 0.02])
+    fit = session.fit_on(conditions, alpha, session.runner_on(conditions), Silent())
+    settings = ScoreSettings(draws=60)
+    scores = expected_scores(fit, np.random.default_rng(0), Silent(), settings).scores[:, 0]
+    again = np.random.default_rng(0)
+    y = np.array([fit.drawn(again).table.observations.lower[0] for _ in range(settings.draws)])
+
+    def log_density(point: np.ndarray) -> np.ndarray:
+        mean, scatter, sd = point
+        m, v, u = mean - 3.0, scatter**2, scatter**2 + sd**2
+        closed = stats.norm.sf(m / np.sqrt(v)) * stats.norm.pdf(y, scale=sd)
+        above = stats.norm.cdf((m * sd**2 + y * v) / (sd * np.sqrt(v * u)))
+        return np.log(closed + stats.norm.pdf(y, m, np.sqrt(u)) * above)
+
+    step = 1e-5 * np.eye(3)
+    slopes = [(log_density(alpha + h) - log_density(alpha - h)) / 2e-5 for h in step]
+    expected = np.stack(slopes, axis=1)
+    size = np.sqrt(np.mean(expected**2, axis=0))
+    assert np.all(np.abs(scores - expected) < settings.differs * size)
+    own = np.mean(scores**2, axis=0)
+    assert own == pytest.approx(np.mean(expected**2, axis=0), rel=0.01)
 
 
 def test_it_is_the_mean_of_the_observed_information_of_drawn_data() -> None:

@@ -111,11 +111,7 @@ def _of_block(
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)
         eta = likelihood.predictor.values(block, individual.x)
-        terms = likelihood.errors.log_density(of_errors, eta, rows)
-        lower, upper = seen.lower[rows], seen.upper[rows]
-        below = above = _cdf(likelihood, of_errors, lower, eta, rows)
-        if not np.array_equal(lower, upper):
-            above = _cdf(likelihood, of_errors, upper, eta, rows)
+        terms, below, above = _ranks(likelihood, of_errors, seen, eta, rows)
     prior = individual.log_weight + log_weight
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
@@ -248,9 +244,34 @@ def _order(likelihood: IndividualLikelihood, block: Block) -> Indices:
 
 def _before(terms: Array, block: Block, order: Indices) -> Array:
     """For each observation (m, ...) the sum of the terms of the earlier ones of its experiment."""
-    running = np.empty(terms.shape)
-    running[order] = np.cumsum(terms[order], axis=0) - terms[order]
-    return np.asarray(running - running[order[block.starts]][block.owner])
+    straight = np.array_equal(order, np.arange(order.size))
+    ordered = terms if straight else terms[order]
+    running = np.cumsum(ordered, axis=0)
+    running -= ordered
+    running -= running[block.starts][block.owner]
+    if straight:
+        return running
+    found = np.empty_like(running)
+    found[order] = running
+    return found
+
+
+def _ranks(
+    likelihood: IndividualLikelihood, of_errors: Array, seen: Observations, eta: Array, rows: slice
+) -> tuple[Array, Array, Array]:
+    """log p, and the probabilities of values up to the lower and the upper bound, (m, J) each.
+
+    Errors that hang together are whitened once for all three.
+    """
+    tied = likelihood.errors.ranks(of_errors, eta, rows)
+    if tied is not None:
+        return tied[0], tied[1], tied[1]
+    terms = likelihood.errors.log_density(of_errors, eta, rows)
+    lower, upper = seen.lower[rows], seen.upper[rows]
+    below = above = _cdf(likelihood, of_errors, lower, eta, rows)
+    if not np.array_equal(lower, upper):
+        above = _cdf(likelihood, of_errors, upper, eta, rows)
+    return terms, below, above
 
 
 def _cdf(

@@ -1,8 +1,7 @@
 """The design of further experiments: the information of each, and the most informative set.
 
-The expected information of an experiment that has not been made is that of its scores at virtual
-outcomes (`expected_scores`). A `DesignPlan` computes the variances that remain after a set of
-experiments, and `chosen` picks the set with the smallest.
+A `DesignPlan` computes the variances that remain after a set of experiments from the expected
+information of each (`virtual_scores`), and `chosen` picks the set with the smallest.
 """
 
 from __future__ import annotations
@@ -14,28 +13,18 @@ from functools import cached_property
 
 import numpy as np
 from scipy import special
-from scipy.integrate import cumulative_simpson, simpson
-from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import qmc
 
-from aleator.core.progress import Progress
-from aleator.core.types import Array, Flags, Indices
-from aleator.inference.fit import Fit
+from aleator.core.types import Array, Flags
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.observations.responses import ends_of
-from aleator.observations.responses import limits_of_test as limits_of_tests
 
 
 @dataclass(frozen=True)
 class DesignSettings:
-    """Settings of expected information and of the choice of sets, all chosen by judgement."""
+    """Settings of plans and of the choice of sets, all chosen by judgement."""
 
-    nodes: int = 97
-    """Number of equally spaced outcomes of one experiment over which its information is summed."""
-    draws: int = 400
-    """Number of virtual data sets, used where an experiment has several observations."""
     singular: float = 1e-9
     """Information along a direction, relative to that of all experiments together, that counts as
     zero.
@@ -58,106 +47,9 @@ class DesignSettings:
     """Distance from zero and one of the uniform numbers from which draws of alpha are made."""
     close: float = 1e-6
     """Tolerance of the computed number of repetitions."""
-    newton: int = 4
-    """Number of Newton steps from an interpolated quantile to the exact one."""
 
 
 DESIGN = DesignSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class Scores:
-    """Scores (R, C, K) at R virtual outcomes of C experiments; weights (R, C) that sum to one.
-
-    With one observation per experiment, `outcomes` (S, C) are the first S of the R outcomes:
-    equally spaced nodes of an integral over the outcome's density. The other outcomes stand for all
-    values beyond a limit of the test. With several observations each virtual outcome is a random
-    draw, and `outcomes` is None. An experiment that cannot be simulated has NaN.
-    """
-
-    scores: Array
-    weights: Array
-    outcomes: Array | None
-
-    @cached_property
-    def information(self) -> Array:
-        """The expected information I = E[s s'] (C, K, K) of each experiment (Fisher, 1925)."""
-        return np.asarray(np.einsum("rc,rck,rcl->ckl", self.weights, self.scores, self.scores))
-
-    def of(self, which: Indices) -> Scores:
-        """The scores with respect to the hyperparameters with the indices `which`."""
-        return Scores(self.scores[:, :, which], self.weights, self.outcomes)
-
-    def error(self, directions: Array) -> Array:
-        """The Monte Carlo error (C,) of d' I d for d (C, K); zero for a sum over nodes."""
-        if self.outcomes is not None:
-            return np.zeros(self.weights.shape[1])
-        squares = np.einsum("rck,ck->rc", self.scores, directions) ** 2
-        return np.asarray(squares.std(axis=0, ddof=1) / np.sqrt(len(squares)))
-
-
-def expected_scores(
-    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
-) -> Scores:
-    """Scores of experiments at virtual outcomes under the experiments' own law.
-
-    With one observation for each experiment the information is an integral over the outcome's
-    density f: I = int s s' f dy. It is exact but for the distance of the nodes; values beyond a
-    limit of the test count together. With several observations, or where experiments share
-    parameters and count together, virtual data sets are drawn and censored as the measured ones
-    are. Cost: some 97 evaluations of the likelihood of the experiments, or 400 for drawn data sets.
-    """
-    seen = fit.table.observations
-    limits, alone = limits_of_tests(seen), np.array_equal(seen.experiment, np.arange(fit.count))
-    if limits is None or not alone or fit.inputs.grouping is not None:
-        return _over_draws(fit, rng, progress, settings)
-    return _over_outcomes(fit, *ends_of(seen, limits), progress, settings)
-
-
-def _over_outcomes(
-    fit: Fit, lowest: Array, highest: Array, progress: Progress, settings: DesignSettings
-) -> Scores:
-    low, high = fit.likelihood.span()
-    low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
-    outcomes = low + np.linspace(0.0, 1.0, settings.nodes)[:, None] * (high - low)
-    ends = [*zip(outcomes, outcomes, strict=True)]
-    step = [*(_simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
-    if np.any(np.isfinite(highest)):
-        ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
-        step.append(np.isfinite(highest).astype(float))
-    if np.any(np.isfinite(lowest)):
-        ends.append((np.full(low.shape, -np.inf), np.where(np.isfinite(lowest), lowest, low)))
-        step.append(np.isfinite(lowest).astype(float))
-    weights = np.empty((len(ends), fit.count))
-    scores = np.empty((*weights.shape, fit.alpha.size))
-    for r, (lower, upper) in enumerate(ends):
-        progress.update(f"outcome {r + 1} of {len(ends)}", r, len(ends))
-        # Neighbouring outcomes differ little: the nodes for one are adapted from those for the last
-        # one.
-        seen = replace(fit.table.observations, lower=lower, upper=upper)
-        fit = fit.seeing(fit.table.with_observations(seen))
-        found = fit.scored()
-        assert found.scores is not None
-        weights[r], scores[r] = step[r] * np.exp(found.each), found.scores
-    with np.errstate(invalid="ignore"):
-        weights = weights / weights.sum(axis=0)
-    known = np.where(weights[..., None] > 0.0, scores, 0.0 * weights[..., None])
-    return Scores(known, weights, outcomes)
-
-
-def _simpson(count: int) -> Array:
-    """Weights (count,) of Simpson's rule over steps of length one."""
-    return np.asarray(simpson(np.eye(count)))
-
-
-def _over_draws(
-    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings
-) -> Scores:
-    scores = np.empty((settings.draws, int(fit.cluster.max()) + 1, fit.alpha.size))
-    for r in range(settings.draws):
-        progress.update(f"virtual data set {r + 1} of {settings.draws}", r, settings.draws)
-        scores[r] = fit.drawn(rng).scored().independent
-    return Scores(scores, np.full(scores.shape[:2], 1.0 / settings.draws), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,39 +298,3 @@ def possible_laws(
         special.ndtri(np.clip(uniform, settings.edge, 1.0 - settings.edge)) @ root.T
     )
     return np.asarray(np.clip(found, *limits_of(hyperparameters)))
-
-
-def quantile_gradients(
-    found: Scores, probability: float, settings: DesignSettings = DESIGN
-) -> tuple[Array, Array]:
-    """Quantiles q (C,) of the outcomes, and gradients dq/dalpha (C, K) = -(dF/dalpha)(q) / f(q).
-
-    F is the distribution function and f the density; dF/dalpha = int_{-inf}^q s f dy, with the
-    scores s. Both integrals use the nodes of the scores. Each experiment must have one observation
-    only.
-    """
-    y, below, slopes, density = _distribution(found)
-    rising = np.maximum.accumulate(below, axis=0)
-    q = np.array([np.interp(probability, F, nodes) for F, nodes in zip(rising.T, y.T, strict=True)])
-    for _ in range(settings.newton):
-        error = _at(y, below[..., None], q) - probability
-        q = np.clip(q - (error / _at(y, density[..., None], q))[:, 0], y[0], y[-1])
-    return q, -_at(y, slopes, q) / _at(y, density[..., None], q)
-
-
-def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
-    """Nodes y (R, C) with F (R, C), dF/dalpha (R, C, K) and density f (R, C), without censoring."""
-    assert found.outcomes is not None
-    y = found.outcomes
-    step = np.diff(y, axis=0).mean(axis=0)
-    density = found.weights / (_simpson(len(y))[:, None] * step)
-    moved = density[..., None] * found.scores
-    below = cumulative_simpson(density, dx=1.0, axis=0, initial=0.0) * step
-    slopes = cumulative_simpson(moved, dx=1.0, axis=0, initial=0.0) * step[:, None]
-    return y, below, slopes, density
-
-
-def _at(nodes: Array, values: Array, y: Array) -> Array:
-    """Values (R, C, K) at nodes (R, C), interpolated at y (C,) by cubic splines."""
-    each = [CubicSpline(nodes[:, c], values[:, c])(point) for c, point in enumerate(y)]
-    return np.array(each).reshape(y.size, values.shape[2])

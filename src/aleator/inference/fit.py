@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.core.types import Array, Indices
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.information import Inference
 from aleator.inference.likelihood_at import IndividualsAt, LikelihoodAt, OutcomesAt
 from aleator.laws.hyperparameter import LIMITS, Hyperparameter, limits_of
@@ -147,6 +147,15 @@ class Fit:
         """The fit of a data set drawn under the law and the noise of alpha."""
         other = self.likelihood.drawn(self.table.observations, rng)
         return self.seeing(self.table.with_observations(other))
+
+    def ruled(self, rule: NodeRule, which: Flags) -> Fit:
+        """The fit of the experiments `which` (N,) with another node rule; the others count zero.
+
+        The likelihood must be an integral over individual parameters of each experiment alone.
+        Nodes are adapted when observations are seen.
+        """
+        assert isinstance(self.likelihood, IndividualsAt)
+        return replace(self, likelihood=self.likelihood.ruled(rule, which))
 
     def for_replicates(self) -> Fit:
         """The fit with nodes that evaluate many data sets quickly."""

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Flags
 from aleator.errors import NOISE, InputsError
 from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
@@ -23,6 +23,7 @@ from aleator.laws.inputs import Inputs, drawn
 from aleator.laws.mixture import Mixture
 from aleator.likelihood.individual import (
     Direct,
+    GaussHermite,
     IndividualLikelihood,
     LawPoints,
     NodeRule,
@@ -30,6 +31,7 @@ from aleator.likelihood.individual import (
     individual_points,
 )
 from aleator.likelihood.individual.modes import DenseRule
+from aleator.likelihood.individual.panels import panels_of
 from aleator.likelihood.individual.posterior import (
     IndividualParameters,
     individual_variates,
@@ -379,6 +381,19 @@ class IndividualsAt:
     def rough(self) -> IndividualsAt:
         """The likelihood with the coarsest rule that is accurate enough."""
         return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
+
+    def ruled(self, rule: NodeRule, which: Flags) -> IndividualsAt:
+        """The likelihood of the experiments `which` (N,) with another rule; see `Fit.ruled`."""
+        return replace(self, integral=self.integral.only(which).ruled(rule))
+
+    @property
+    def panels(self) -> DenseRule | None:
+        """The panels that can take the place of nodes about one mode.
+
+        None where there are no such nodes, or no panels for so many scattering parameters.
+        """
+        about_modes = isinstance(self.integral.rule, GaussHermite)
+        return panels_of(self.inputs.scattering) if about_modes else None
 
     def for_replicates(self) -> tuple[IndividualsAt, bool]:
         """The likelihood with nodes that evaluate many data sets quickly.

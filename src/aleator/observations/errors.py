@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy import special
 
 from aleator.core.blocks import blocks
 from aleator.core.toml_text import key
@@ -169,6 +170,24 @@ class ResponseErrors:
             moved = serial.back(scale * whitening.expected(u))
             return eta + moved, serial.back(np.broadcast_to(scale * whitening.root, eta.shape))
 
+    def ranks(self, values: Sequence[float], eta: Array, which: slice) -> tuple[Array, Array]:
+        """log p (k, J) of correlated errors, and the probability of a value up to the measured one.
+
+        Both are those given the earlier values of the experiment.
+        """
+        assert self.serial is not None
+        with np.errstate(all="ignore"):
+            u, scale, whitening = self._whitened(values, eta, which)
+            serial, w = self.serial.part(which), u - whitening.expected(u)
+            w /= whitening.root
+            chance = serial.back(special.ndtr(w))
+            value = serial.back(_of_standard(w, scale, whitening))
+            value = self._possible(value, eta, self.scale(values, eta, which).value)
+            if not np.all(u):  # An error that is not finite, or too large, was taken as zero.
+                known = np.abs(self.upper[which] - eta) < NUMERICS.farthest * serial.back(scale)
+                chance = np.where(known, chance, self.upper[which] > eta)
+            return value, chance
+
     def drawn(self, values: Sequence[float], probability: Array, eta: Array, which: slice) -> Array:
         """Measured values (k, J) from independent uniform random `probability` (k, J)."""
         if self.serial is None:
@@ -316,6 +335,11 @@ def _normal(u: Array, scale: Array, whitening: Whitening) -> Array:
     """log p (k, J) of normal errors over their scale, each given the earlier ones."""
     w = u - whitening.expected(u)
     w /= whitening.root
+    return _of_standard(w, scale, whitening)
+
+
+def _of_standard(w: Array, scale: Array, whitening: Whitening) -> Array:
+    """log p (k, J) of normal errors, from their standard normal values w, which are overwritten."""
     w *= w
     w *= -0.5
     w -= np.log(whitening.root * scale) + HALF_LOG_2_PI
@@ -488,6 +512,21 @@ class MeasurementErrors:
             which = slice(first, first + len(at))
             found[at] = part.drawn(mine, probability[at], eta[at], which)
         return found
+
+    def ranks(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array] | None:
+        """log p (m, J) of correlated errors, and the probability of a value up to the measured one.
+
+        Both are those given the earlier values of the experiment, and `rows` those of whole
+        experiments. None where errors of a response are independent.
+        """
+        if any(part.serial is None for part in self.parts):
+            return None
+        value, chance = np.empty(eta.shape), np.empty(eta.shape)
+        for part, first, at, mine in self._parts(values, rows):
+            for some, where in _blocks(part, first, at, eta.shape[1]):
+                which = slice(first + some.start, first + some.stop)
+                value[where], chance[where] = part.ranks(mine, eta[where], which)
+        return value, chance
 
     def conditional_cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
         """Probability (m, J) of a value up to y, given the earlier ones of its experiment and eta.

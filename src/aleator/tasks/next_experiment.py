@@ -17,16 +17,14 @@ from aleator.inference.alpha_draws import END
 from aleator.inference.design import (
     ChosenSet,
     DesignPlan,
-    Scores,
     chosen,
-    expected_scores,
     halved,
     possible_laws,
-    quantile_gradients,
     repetitions,
 )
 from aleator.inference.fit import Fit
 from aleator.inference.outcome_event import OutcomeEvent
+from aleator.inference.virtual_scores import Scores, expected_scores, quantile_gradients
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions, unmeasured

@@ -282,6 +282,10 @@ class IndividualLikelihood:
         """
         return replace(self, layout=self.layout.sampled(size))
 
+    def only(self, which: Flags) -> IndividualLikelihood:
+        """The likelihood of the experiments `which` (N,); the others contribute zero."""
+        return replace(self, layout=self.layout.only(which))
+
     @property
     def continued(self) -> Following:
         """The objective of a search, which adapts the nodes to every alpha."""

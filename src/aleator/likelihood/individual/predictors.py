@@ -138,6 +138,11 @@ class Layout:
         chosen = tuple(slice(first, first + group) for first in dict.fromkeys(starts))
         return replace(self, chosen=chosen, _blocks={})
 
+    def only(self, which: Flags) -> Layout:
+        """The layout with the experiments `which` (N,) alone; they share no parameters."""
+        ends = np.flatnonzero(np.diff(which, prepend=False, append=False)).reshape(-1, 2)
+        return replace(self, chosen=tuple(slice(*own) for own in ends.tolist()), _blocks={})
+
     def alone(self, experiment: int) -> Block:
         """The block of one experiment alone, or with those among which its cluster lies."""
         first, last = experiment, experiment + 1
