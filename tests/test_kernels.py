@@ -12,7 +12,7 @@ import pytest
 STUDIES = """
 import json
 import numpy as np, pandas as pd
-from aleator import Free, Inputs, Noise, Normal, identify
+from aleator import Free, GradientMultistart, Inputs, Noise, Normal, identify
 
 rng = np.random.default_rng(41)
 load = np.linspace(0.5, 2.0, 8)
@@ -20,7 +20,8 @@ y = load * np.exp(0.3 * rng.normal(size=8)) + 0.05 * rng.normal(size=8)
 table, law = pd.DataFrame({"load": load, "y": y}), Normal(Free(-1.0, 1.0), Free(0.02, 1.0))
 found = [
     identify(lambda load, x: load * np.exp(x), table, Inputs({"x": law}), outcome="y",
-             vectorized=True, noise=noise, consistency=False, best_law=False)
+             vectorized=True, noise=noise, search=GradientMultistart(starts=2), consistency=False,
+             best_law=False)
     for noise in (None, Noise(0.05))
 ]
 print(json.dumps([
