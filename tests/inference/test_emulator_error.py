@@ -13,7 +13,8 @@ from aleator.fit.ledger import Ledger
 from aleator.fit.quadrature import Maximum
 from aleator.fit.question import Choices
 from aleator.fit.refine import refined
-from aleator.inference.emulator_error import functional, near_outcomes
+from aleator.inference.check import smoothed
+from aleator.inference.emulator_error import FUNCTIONAL, eased, functional, near_outcomes
 from aleator.inference.information import infer
 from aleator.laws import Law
 from aleator.likelihood.individual import Direct, GaussHermite, IndividualLikelihood
@@ -111,3 +112,53 @@ def test_the_change_of_alpha_is_that_of_maximizing_with_the_wrong_values(name: s
     assert length(told[:-1] - moved) < 0.25 * length(moved)
     change = after.likelihood.evaluate(before.alpha).total - before.value
     assert told[-1] == pytest.approx(change, rel=0.15, abs=0.02)
+
+
+def held_of(sd: float | Free, frame: pd.DataFrame) -> IndividualLikelihood:
+    """The likelihood of a table by `bent` itself, with this sd of the noise."""
+    table, inputs = Experiments.from_frame(frame, outcome="y"), Inputs(TWO)
+    runner = runner_of(bent, table, ("a", "b"))
+    choices = Choices.of(table, inputs, Noise(sd), ResponseSurface(surfaces="none"))
+    return choices.question(runner, table.observations, 0).integral(
+        Direct(runner, np.arange(2), inputs.box)
+    )
+
+
+def test_an_error_of_a_value_acts_alike_whether_noise_is_negligible_or_none() -> None:
+    frame, law = data(bent, {"a": A, "b": B}, 0.0), np.array([1.0, 0.3, 0.5, 0.4])
+    noisy, y = held_of(1e-6, frame), frame["y"].to_numpy()
+    exact = smoothed(noisy.inputs, law, noisy.predictor, noisy.layout, y, FUNCTIONAL.smooth)
+    alpha = np.append(law, 1e-6)
+    told = []
+    for held, at in ((eased(noisy, alpha), alpha), (exact, law)):
+        found = functional(
+            held.by(GaussHermite(5), at), at, np.array([0, 1]), np.eye(2), np.arange(2),
+            np.full(2, 0.05), np.arange(24), np.full(24, 0.3),
+        )  # fmt: skip
+        told.append(np.sin(found.x @ [1.0, 2.0] + CONDITION[found.site]) @ found.weights)
+    np.testing.assert_allclose(*told, rtol=1e-3)
+
+
+def test_auxiliary_errors_are_added_only_where_the_only_value_of_an_experiment_has_less() -> None:
+    frame, alpha = data(bent, {"a": A, "b": B}, 0.0), np.array([1.0, 0.3, 0.5, 0.4, 0.1])
+    ordinary = held_of(0.1, frame)
+    assert eased(ordinary, alpha) is ordinary
+    repeated = pd.concat([frame, frame]).assign(id=np.tile(np.arange(24), 2))
+    alpha[-1] = 1e-6
+    several = held_of(1e-6, repeated)
+    assert eased(several, alpha) is several
+    errors = eased(held_of(Free(1e-6, 1.0), frame), alpha).errors
+    eta, rows = np.linspace(0.0, 3.0, 24)[:, None], slice(0, 24)
+    scale = errors.scale(alpha[-1:], eta, rows)
+    scatter = np.array([np.std(bent(c, *draws())) for c in CONDITION])
+    np.testing.assert_allclose(scale[:, 0], FUNCTIONAL.smooth * scatter, rtol=0.05)
+    sd, step = np.array([0.05]), 1e-6
+    above, below = (errors.log_density(sd + by, eta, rows) for by in (step, -step))
+    ((_, slope),) = errors.terms(sd, eta, rows).d_values
+    np.testing.assert_allclose(slope, (above - below) / (2.0 * step), rtol=1e-5, atol=1e-6)
+
+
+def draws() -> tuple[Array, Array]:
+    """Values of a and b under the law of the test above."""
+    rng = np.random.default_rng(0)
+    return 1.0 + 0.3 * rng.standard_normal(4000), 0.5 + 0.4 * rng.standard_normal(4000)

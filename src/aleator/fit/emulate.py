@@ -64,6 +64,7 @@ from aleator.inference import surface_diagnostics
 from aleator.inference.emulator_error import (
     Functional,
     InfluentialPoints,
+    eased,
     functional,
     near_outcomes,
 )
@@ -427,6 +428,9 @@ class Emulation:
         ends = ends[np.isfinite(ends).all(axis=1)]
         free, none = np.zeros(0, dtype=np.intp), np.zeros((0, 0))
         spread = self._draws(end, [end.alpha, *ends]).std(axis=0)
+        held = _eased(end.likelihood, end.alpha)
+        if held is not end.likelihood and isinstance(held, IndividualLikelihood):
+            end = replace(end, likelihood=held.by(self._rule(held), end.alpha))
         parts = [self._functional(end, a, free, none, spread) for a in (end.alpha, *ends)]
         box, found = self.processes.box.T, list[float]()
         for part in parts[1:]:
@@ -443,12 +447,12 @@ class Emulation:
 
         All are climbed with the same quadrature nodes.
         """
-        likelihood = self._plain(end)
+        likelihood = _eased(self._plain(end), end.alpha)
         again = searched(self.question, likelihood, [end.alpha], self.ledger)
         others = [optimum.alpha for optimum in found.optima[1 : 1 + self.settings.others]]
         with self.ledger.stage(SEARCH):
-            here = self._climbed(likelihood, end.alpha)
-            climbs = [self._climbed(likelihood, alpha) for alpha in (again.alpha, *others)]
+            here = self._nearest(likelihood, end.alpha)
+            climbs = [self._nearest(likelihood, alpha) for alpha in (again.alpha, *others)]
         best = max(climbs, key=lambda one: one.value)
         # With few nodes of several modes, the climb from a maximum may end at a lower one.
         moved = not np.allclose(best.alpha, end.alpha)
@@ -506,6 +510,10 @@ class Emulation:
         return likelihood
 
     def _climbed(self, likelihood: AnyLikelihood, alpha: Array) -> Maximum:
+        """The maximum reached from alpha (K,), with the nodes and the errors of the rounds."""
+        return self._nearest(_eased(likelihood, alpha), alpha)
+
+    def _nearest(self, likelihood: AnyLikelihood, alpha: Array) -> Maximum:
         """The maximum reached from alpha (K,), with the quadrature nodes of the rounds."""
         if isinstance(likelihood, IndividualLikelihood) and likelihood.layout.grouping is None:
             likelihood = likelihood.ruled(self._rule(likelihood))
@@ -533,6 +541,11 @@ class Emulation:
     def _move(self, region: Array) -> None:
         self.region = region
         self.processes.move(region[moving_parameters(region)])
+
+
+def _eased(likelihood: AnyLikelihood, alpha: Array) -> AnyLikelihood:
+    """The likelihood whose errors do not lie far below what the errors of an emulator reach."""
+    return likelihood if isinstance(likelihood, Problem) else eased(likelihood, alpha)
 
 
 def _limits(question: Question, far: float) -> dict[int, tuple[float, float]]:

@@ -16,6 +16,7 @@ from aleator.core.types import Array, Indices
 from aleator.inference.check import smoothed
 from aleator.likelihood.individual import IndividualLikelihood, Layout
 from aleator.likelihood.individual.likelihood import Evaluated
+from aleator.likelihood.individual.posterior import values_under_law
 from aleator.likelihood.individual.predictors import Block, Predictor
 from aleator.likelihood.problem import Problem
 
@@ -25,7 +26,10 @@ class FunctionalSettings:
     """Settings of the dependence of alpha on errors of values. The values are by judgement."""
 
     smooth: float = 0.1
-    """The standard deviation of the auxiliary error of an exact outcome, over its scatter."""
+    """The standard deviation of the auxiliary error of an exact outcome, over its scatter, and the
+    least one of an experiment's only value."""
+    draws: int = 128
+    """The number of points of the law that tell this scatter."""
     sites: int = 2
     """The number of nodes of an experiment at which the errors of its values are taken, for each
     term of a polynomial of degree two. They are drawn by their shares in the likelihood where there
@@ -135,6 +139,34 @@ def near_outcomes(
     layout = Layout(rows.size, rows, rows, np.zeros(rows.size, dtype=np.intp))
     law = alpha[: problem.inputs.size]
     return smoothed(problem.inputs, law, predictor, layout, problem.outcomes, settings.smooth)
+
+
+def eased(
+    likelihood: IndividualLikelihood, alpha: Array, settings: FunctionalSettings = FUNCTIONAL
+) -> IndividualLikelihood:
+    """The likelihood where the only value of an experiment has no error far below its scatter.
+
+    A parameter that scatters gives such a value whatever the error is: its density is about that of
+    the outcome, and an error e of the simulated value changes it as if the value were off by -e. So
+    a small error hardly matters, but nodes would have to follow a ridge as thin as it, and the
+    bound of a censored value would be a step. An auxiliary error makes it as large as the share
+    `smooth` of the scatter under the law alpha (K,). Several values of an experiment, or of a
+    group, may tell its parameters as exactly as their errors are small, and are left alone.
+    """
+    experiment, inputs = likelihood.layout.experiment, likelihood.inputs
+    only = np.bincount(experiment, minlength=likelihood.count)[experiment] == 1
+    if not only.any() or not inputs.scattering or likelihood.layout.grouping is not None:
+        return likelihood
+    added = np.zeros(experiment.size)
+    for block, eta, share in values_under_law(likelihood, alpha, settings.draws):
+        scale = likelihood.errors.scale(alpha[inputs.size :], eta, block.rows)
+        off = eta - np.sum(share * eta, axis=1, keepdims=True)
+        short = np.sum(share * ((settings.smooth * off) ** 2 - scale**2), axis=1)
+        added[block.rows] = np.sqrt(np.maximum(np.nan_to_num(short), 0.0))
+    added *= only
+    if not added.any():
+        return likelihood
+    return replace(likelihood, errors=likelihood.errors.eased(added))
 
 
 def _slopes(

@@ -82,7 +82,8 @@ class ResponseErrors:
     `rows` (m,) are their positions among all observations, in ascending order; `lower` and `upper`
     (m, 1) are their bounds; `sds` (m, 1) are their known standard deviations, and `covariate`
     (m, 1) that of the variance function, if columns give them. `serial` is their order where their
-    errors are correlated. In all methods `values` are the values of `noise.hyperparameters`,
+    errors are correlated. `added` (m, 1) are sds of auxiliary errors (`MeasurementErrors.eased`).
+    In all methods `values` are the values of `noise.hyperparameters`,
     `which` selects k of the m observations, those of whole experiments where the errors are
     correlated, and eta (k, J) are J simulated values of each.
     """
@@ -94,9 +95,23 @@ class ResponseErrors:
     sds: Array | None = None
     covariate: Array | None = None
     serial: SerialOrder | None = None
+    added: Array | None = None
 
     def scale(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
         """The scale of the errors with its derivatives, each (), (k, 1) or (k, J)."""
+        found = self._stated(values, eta, which)
+        if self.added is None:
+            return found
+        whole = np.hypot(found.value, self.added[which])
+        share = found.value / whole
+        return ErrorScale(
+            whole,
+            None if found.d_eta is None else share * found.d_eta,
+            tuple(share if d is None else share * d for d in found.d_values),
+        )
+
+    def _stated(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
+        """The scale of the errors as the noise states it, without auxiliary errors."""
         sd, variance = self._sd(values, which), self.noise.variance
         if variance is not None:
             v = self.covariate[which] if self.covariate is not None else eta
@@ -428,6 +443,11 @@ class MeasurementErrors:
                 for part in self.parts
             ),
         )
+
+    def eased(self, added: Array) -> MeasurementErrors:
+        """These errors with auxiliary ones of sds `added` (M,), as sqrt(scale^2 + added^2)."""
+        parts = (replace(part, added=added[part.rows, None]) for part in self.parts)
+        return replace(self, parts=tuple(parts))
 
     def terms(self, values: Array, eta: Array, rows: slice, scores: bool = True) -> Terms:
         """log p of the observations `rows` at eta (m, J), with its derivatives.
