@@ -369,8 +369,8 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
 
 def shortfalls(problem: Problem) -> Array:
     """How far outcomes (M,) lie above the possible range, or below it (negative); zero inside."""
-    y, reach = problem.outcomes, problem.predictor
-    return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
+    (lower, upper), reach = problem.ends, problem.predictor
+    return np.asarray(np.maximum(lower - reach.upper, 0.0) + np.minimum(upper - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
