@@ -371,7 +371,7 @@ def _groups_of(problem: Problem, fit: LeastSquares, seed: int) -> Iterator[Array
     sets = problem.levels.sets(inputs.filling(problem.region, LEVELS.widths))
     wide = np.array([h.start for h in alone.hyperparameters])
     x = np.tile(fit.x, (problem.count, 1))
-    for rows, points, share in sets.under(alone).given(wide):
+    for rows, points, share in sets.under(alone).points(wide):
         x[rows] = np.einsum("nk,nki->ni", share, points)
     x[sets.empty] = fit.x
     for rng in np.random.default_rng(seed).spawn(GUESSES.groups):

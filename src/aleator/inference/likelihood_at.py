@@ -229,7 +229,7 @@ class OutcomesAt:
         levels, inputs, s = self.problem.levels, self.inputs, self.inputs.scattering
         assert levels is not None
         means, products = np.zeros((self.count, s)), np.zeros((self.count, s, s))
-        for rows, x, share in levels.sets(self.alpha).given(self.alpha):
+        for rows, x, share in levels.sets(self.alpha).points(self.alpha):
             row, point = np.nonzero(share)
             theta = np.zeros((*share.shape, s))
             for k, i in enumerate(inputs.scattered):
@@ -253,7 +253,7 @@ class OutcomesAt:
         components = {
             name: np.zeros((self.count, len(law.components))) for _, name, law in mixtures
         }  # fmt: skip
-        for rows, x, share in levels.sets(alpha).given(alpha):
+        for rows, x, share in levels.sets(alpha).points(alpha):
             mean[rows] = np.einsum("nk,nki->ni", share, x)
             spread[rows] = np.einsum("nk,nki->ni", share, (x - mean[rows][:, None]) ** 2)
             mode[rows] = x[np.arange(rows.size), np.argmax(share, axis=1)]

@@ -486,6 +486,8 @@ def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> li
     far = "the measured outcome lies at an extreme of it or beyond, where its density is not known"
     if problem.each > 1:
         far = "no parameters were found that give all measured outcomes of an experiment together"
+    elif problem.bounds is not None:
+        far += ", or no parameters give an outcome within the bounds of a censored one"
     return of_experiments(
         "extreme",
         problem.unreached_at(alpha),

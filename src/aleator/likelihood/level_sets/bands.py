@@ -121,32 +121,39 @@ def _blocks(
 ) -> Iterator[Points]:
     """Gauss points of the cells `whole` (B, ...), which are joined to blocks as large as possible.
 
-    A block has 2^k cells along each side.
+    A block has 2^k cells along a side, with an own k for each side.
     """
-    levels = [whole]
-    while min(levels[-1].shape[1:]) >= 2 * pieces:
-        levels.append(_paired(levels[-1]))
-    for k, full in enumerate(levels):
+    sizes, full = [1] * len(sides), whole
+    while True:
+        pairs = [2 if count >= 2 * pieces else 1 for count in full.shape[1:]]
+        larger = _joined(full, pairs)
         own = full.copy()
-        if k + 1 < len(levels):
-            larger = levels[k + 1]
-            for i in range(1, full.ndim):
-                larger = np.repeat(larger, 2, axis=i)
-            own[tuple(slice(0, size) for size in larger.shape)] &= ~larger
+        if max(pairs) > 1:
+            covered = larger
+            for i, by in enumerate(pairs, 1):
+                covered = np.repeat(covered, by, axis=i)
+            own[tuple(slice(0, size) for size in covered.shape)] &= ~covered
         band, *place = np.nonzero(own)
-        few = min(full.shape[1:]) < settings.fine
-        nodes = settings.nodes if few else settings.fine_nodes
-        ends = [_ends(side, 2**k) for side in sides]
-        of_place = [part[:, i] for part, i in zip(ends, place, strict=True)]
-        yield _boxes(rows[band], np.stack(of_place, axis=-1), nodes)
+        ends = [_ends(side, size)[:, i] for side, size, i in zip(sides, sizes, place, strict=True)]
+        nodes = [
+            settings.nodes if count < settings.fine else settings.fine_nodes
+            for count in full.shape[1:]
+        ]
+        yield _boxes(rows[band], np.stack(ends, axis=-1), tuple(nodes))
+        if max(pairs) == 1:
+            return
+        sizes, full = [size * by for size, by in zip(sizes, pairs, strict=True)], larger
 
 
-def _paired(full: Flags) -> Flags:
-    """Which pairs of neighbors along every side are both full; an odd one at an end is left out."""
-    for i in range(1, full.ndim):
-        before = [np.s_[:]] * i
-        even = full.shape[i] // 2 * 2
-        full = full[(*before, np.s_[0:even:2])] & full[(*before, np.s_[1:even:2])]
+def _joined(full: Flags, pairs: list[int]) -> Flags:
+    """Which pairs of neighbors are both full, along the sides on which `pairs` has a two.
+
+    An odd one at an end is left out.
+    """
+    for i, by in enumerate(pairs, 1):
+        if by == 2:
+            before, even = [np.s_[:]] * i, full.shape[i] // 2 * 2
+            full = full[(*before, np.s_[0:even:2])] & full[(*before, np.s_[1:even:2])]
     return full
 
 
@@ -157,17 +164,19 @@ def _ends(side: Array, size: int) -> Array:
     return np.stack([low[: high.size], middle, high])
 
 
-def _boxes(rows: Indices, ends: Array, nodes: int) -> Points:
+def _boxes(rows: Indices, ends: Array, nodes: tuple[int, ...]) -> Points:
     """Gauss points of boxes with these lower ends, middles and upper ends (3, M, s).
+
+    `nodes` are the numbers of points along each side.
 
     Along each side the points are the images of those of a Gauss rule on [0, 1] under the map
     low + (high - low) k t/(1 - t + k t). It maps 1/2 to the middle, so that the points follow the
     width of the cells, which is that of the law.
     """
     low, middle, high = ends
-    t, share = gauss_legendre(nodes)
-    grid = tensor((nodes,) * low.shape[1])
-    t, share = 0.5 + 0.5 * t[grid], share[grid].prod(axis=1)
+    grid, rules = tensor(nodes), [gauss_legendre(count) for count in nodes]
+    t = 0.5 + 0.5 * np.stack([t[i] for (t, _), i in zip(rules, grid.T, strict=True)], axis=1)
+    share = np.prod([w[i] for (_, w), i in zip(rules, grid.T, strict=True)], axis=0)
     k = ((middle - low) / (high - middle))[:, None]
     below = 1.0 - t + k * t
     x = low[:, None] + (high - low)[:, None] * k * t / below
@@ -202,7 +211,7 @@ def _simplex(rows: Indices, x: Array) -> Points:
     """Points of whole simplices with corners x (H, s + 1, s)."""
     if x.shape[2] == 1:
         low, high = x.min(axis=1), x.max(axis=1)
-        return _boxes(rows, np.stack([low, 0.5 * (low + high), high]), 2)
+        return _boxes(rows, np.stack([low, 0.5 * (low + high), high]), (2,))
     (a, b), (c, d) = np.moveaxis(x[:, 1:] - x[:, :1], 0, -1)
     share = 0.5 * np.abs(a * d - b * c) / len(IN_TRIANGLE)
     on = np.einsum("kc,hcs->hks", IN_TRIANGLE, x)
@@ -242,7 +251,7 @@ def _halved(
             near = np.abs(flat - ends[..., None]).min(axis=(0, 2)) < 0.5 * bend
         again = ~cut & finite & near & (left > 0)
         done = whole & ~again
-        yield _boxes(rows[done], np.stack([far[0], far.mean(axis=0), far[1]])[:, done], 2)
+        yield _boxes(rows[done], np.stack([far[0], far.mean(axis=0), far[1]])[:, done], (2,) * s)
         cell = np.tile(np.flatnonzero(cut & finite), len(triangles))
         which = np.repeat(np.arange(len(triangles)), np.count_nonzero(cut & finite))
         corner = flat[cell[:, None], triangles[which]]

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -47,13 +48,14 @@ class LevelSettings:
     error of the result. `reach`: the largest standard normal variate of the grid of a law, whose
     points are evenly spaced in this variate. `marks`: standard normal variates between which a grid
     must have enough cells to be used for a law. `widths`: a law that fills a region has this number
-    of standard deviations in the region's width. `grids` and `laws`: the numbers of grids, and of
-    laws with their sets on lines, that are stored. `step`: the step for differences of the
-    log-likelihood, relative to the range of a hyperparameter. `looks`: the number of points per
-    side at which outcomes are simulated before a grid is made. `uneven`: the largest factor by
-    which a grid may have more cells along one side and fewer along the other. `slim`: the smallest
-    number of cells along a side. `grid`, `crossings` and `curves`: the settings of grids, of lines,
-    and of several outcomes.
+    of standard deviations in the region's width. `grids` and `laws`: the largest numbers of grids,
+    and of laws with their sets on lines, that are stored. `points`: the number of points of all
+    sets above which fewer are stored; 20 million are half a gigabyte for two parameters. `step`:
+    the step for differences of the log-likelihood, relative to the range of a hyperparameter.
+    `looks`: the number of points per side at which outcomes are simulated before a grid is made.
+    `uneven`: the largest factor by which a grid may have more cells along one side and fewer along
+    the other. `slim`: the smallest number of cells along a side. `grid`, `crossings` and `curves`:
+    the settings of grids, of lines, and of several outcomes.
     """
 
     cells: tuple[int, int] = (16384, 96)
@@ -69,6 +71,7 @@ class LevelSettings:
     widths: float = 6.0
     grids: int = 64
     laws: int = 8
+    points: int = 20_000_000
     step: float = 1e-4
     looks: int = 9
     uneven: float = 4.0
@@ -79,6 +82,7 @@ class LevelSettings:
 
 
 LEVELS = LevelSettings()
+Known = TypeVar("Known")
 BY_LEVEL_SETS = "level sets"
 """The name of a likelihood by level sets in a result."""
 
@@ -223,7 +227,7 @@ class LevelLikelihood:
         sets = self._traced(grid, len(classes))
         if sets.empty.any():
             sets = filled(sets, self._everywhere)
-        self._known = [*self._known[1 - settings.grids :], (grid, sets)]
+        self._known = _stored([*self._known, (grid, sets)], settings.grids, settings.points)
         return sets
 
     def _of_lines(self, alpha: Array) -> Sets:
@@ -240,7 +244,8 @@ class LevelLikelihood:
         sets = self._laid(alpha)
         if sets.empty.any():
             sets = filled(sets, self._everywhere)
-        self._last = [*self._last[1 - self.settings.laws :], (alpha.copy(), sets)]
+        last = [*self._last, (alpha.copy(), sets)]
+        self._last = _stored(last, settings.laws, settings.points)
         return sets
 
     def _laid(self, alpha: Array) -> Sets:
@@ -435,6 +440,14 @@ class LevelLikelihood:
             parts.append(enclosed(bands[1:], bands[0].astype(np.intp)))
             place[~exact] = np.count_nonzero(exact) + own.ravel()
         return JoinedSets(self.inputs, tuple(parts), place)
+
+
+def _stored(known: list[tuple[Known, Sets]], most: int, points: int) -> list[tuple[Known, Sets]]:
+    """The last of the known sets: at most `most`, with at most so many points, but at least one."""
+    known = known[-most:]
+    while len(known) > 1 and sum(sets.size for _, sets in known) > points:
+        known = known[1:]
+    return known
 
 
 def _below(y: Array, value: Array, share: Array) -> Array:

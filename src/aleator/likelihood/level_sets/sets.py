@@ -40,11 +40,11 @@ class LevelSets:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-densities (N,) with scores (N, K); DEGENERATE_VALUE where the density is zero."""
-        return found_at(self.inputs, alpha, *self.scored(alpha))
+        return log_likelihood(self.inputs, alpha, *self.scored(alpha))
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-densities (N,) without scores; DEGENERATE_VALUE where the density is zero."""
-        return found_at(self.inputs, alpha, self.totals(alpha), None)
+        return log_likelihood(self.inputs, alpha, self.totals(alpha), None)
 
     def scored(self, alpha: Array) -> tuple[Array, Array]:
         """The logarithms (N,) of the sums over the points, with scores (N, K)."""
@@ -62,7 +62,7 @@ class LevelSets:
         """The probability (N, K) of each point under the law alpha (K,), given the outcomes."""
         return mean_of(self._terms(alpha))[1]
 
-    def given(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
+    def points(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
         """Blocks of experiments (B,), with points (B, K, n) and the shares (B, K) of these."""
         for rows in self._blocks:
             part = self.take(rows)
@@ -93,6 +93,11 @@ class LevelSets:
     def empty(self) -> Flags:
         """Flags (N,) of the experiments without a level set: no parameters give their outcome."""
         return np.asarray(np.all(np.isinf(self.log_weight), axis=1))
+
+    @property
+    def size(self) -> int:
+        """The number of points, with those of weight zero."""
+        return self.log_weight.size
 
     @property
     def _blocks(self) -> list[slice]:
@@ -132,18 +137,18 @@ class JoinedSets:
         """The log-likelihoods (N,) with scores (N, K); DEGENERATE_VALUE where one is zero."""
         found = zip(*(part.scored(alpha) for part in self.parts), strict=True)
         total, scores = (np.concatenate(each)[self.place] for each in found)
-        return found_at(self.inputs, alpha, total, scores)
+        return log_likelihood(self.inputs, alpha, total, scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihoods (N,) without scores; DEGENERATE_VALUE where one is zero."""
         total = np.concatenate([part.totals(alpha) for part in self.parts])[self.place]
-        return found_at(self.inputs, alpha, total, None)
+        return log_likelihood(self.inputs, alpha, total, None)
 
-    def given(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
+    def points(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
         """Blocks of experiments (B,), with points (B, K, n) and the shares (B, K) of these."""
         first = 0
         for part in self.parts:
-            for own, x, share in part.given(alpha):
+            for own, x, share in part.points(alpha):
                 rows = np.flatnonzero(np.isin(self.place, first + own))
                 for some in blocks(rows.size, share.shape[1], part.block):
                     at = self.place[rows[some]] - first - own[0]
@@ -158,6 +163,11 @@ class JoinedSets:
     def empty(self) -> Flags:
         """Flags (N,) of the experiments without a set: no parameters agree with their outcome."""
         return np.asarray(np.concatenate([part.empty for part in self.parts])[self.place])
+
+    @property
+    def size(self) -> int:
+        """The number of points, with those of weight zero."""
+        return sum(part.size for part in self.parts)
 
 
 Sets = LevelSets | JoinedSets
@@ -174,7 +184,9 @@ def filled(own: Sets, other: Sets) -> Sets:
     return replace(own, parts=tuple(one.filled(more) for one, more in pairs))
 
 
-def found_at(inputs: Inputs, alpha: Array, total: Array, scores: Array | None) -> LogLikelihood:
+def log_likelihood(
+    inputs: Inputs, alpha: Array, total: Array, scores: Array | None
+) -> LogLikelihood:
     """The log-likelihoods (N,) at alpha (K,); DEGENERATE_VALUE where `total` (N,) is infinite."""
     none = np.isinf(total)
     status = np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
