@@ -82,7 +82,7 @@ class LevelSettings:
 
 
 LEVELS = LevelSettings()
-Known = TypeVar("Known")
+Key = TypeVar("Key")
 BY_LEVEL_SETS = "level sets"
 """The name of a likelihood by level sets in a result."""
 
@@ -442,7 +442,7 @@ class LevelLikelihood:
         return JoinedSets(self.inputs, tuple(parts), place)
 
 
-def _stored(known: list[tuple[Known, Sets]], most: int, points: int) -> list[tuple[Known, Sets]]:
+def _stored(known: list[tuple[Key, Sets]], most: int, points: int) -> list[tuple[Key, Sets]]:
     """The last of the known sets: at most `most`, with at most so many points, but at least one."""
     known = known[-most:]
     while len(known) > 1 and sum(sets.size for _, sets in known) > points:
