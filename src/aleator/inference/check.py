@@ -239,14 +239,15 @@ def smoothed(
     """
 
     def with_errors(sd: Array) -> IndividualLikelihood:
-        (lower, upper), rows = np.broadcast_to(y, (2, sd.size)), np.arange(sd.size)
+        (lower, upper), rows = np.broadcast_to(y, (2, count)), np.arange(count)
         part = ResponseErrors(
             Noise("error"), rows, lower[:, None], upper[:, None], sd[:, None]
         )  # fmt: skip
         errors = MeasurementErrors((part,), ("y",))
         return IndividualLikelihood.of(inputs, errors, predictor, layout, GaussHermite(1))
 
-    sd = share * scatter_of(with_errors(np.ones(y.shape[-1])), alpha)
+    count = y.shape[-1]
+    sd = share * scatter_of(with_errors(np.ones(count)), alpha)
     return with_errors(np.where(sd > 0.0, sd, EXACT_OUTCOMES.smallest))
 
 
