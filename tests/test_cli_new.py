@@ -110,7 +110,7 @@ def test_the_columns_and_parameters_of_the_examples_are_recognized(
     assert written["experiments"].get("id") == id
     assert written["parameters"].keys() == names
     assert ("sd" in written.get("noise", {})) == (
-        bool({"id", "censored"} & {*own["experiments"]}) or "fission" in example
+        "id" in own["experiments"] or "fission" in example
     )
     said = refused("identify", "new.toml")
     for name in names:
@@ -205,21 +205,16 @@ def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: 
 
 
 @pytest.mark.usefixtures("folder")
-def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> None:
+def test_a_censored_value_an_experiment_needs_no_noise() -> None:
     lengths = (0.93, 2.1, 3.2, 3.7, 5.4, 5.8, ">6", 7.6)
     rows = [f"{k},{length}" for k, length in enumerate(lengths, 1)]
     Path("springs.csv").write_text("\n".join(["load,length", *rows, ""]))
     Path("model.py").write_text("def length(load, softness=1.0):\n    return load * softness\n")
-    shown = done(
-        "new", "springs.csv", "--function", "model.py:length", "--outcome", "length"
-    ).output
-    sd = tomllib.loads(Path("study.toml").read_text())["noise"]["sd"]
-    assert sd == pytest.approx(0.02)  # 1 % of the scatter
+    done("new", "springs.csv", "--function", "model.py:length", "--outcome", "length")
     text = Path("study.toml").read_text()
-    assert "sd = 0.02 is a guess" in shown
+    assert "noise" not in tomllib.loads(text)
     assert '# transform = "log"' in text
-    assert "# relative = 0.1" in text
-    assert identified()["noise.sd"] == sd
+    assert "noise.sd" not in identified()
     Path("springs.csv").write_text(Path("springs.csv").read_text().replace(">6", "6+"))
     told = done("new", "springs.csv", "--function", "model.py:length", "--outcome", "length",
                 "--force").output  # fmt: skip
@@ -407,6 +402,20 @@ def test_noise_is_proposed_for_two_outcomes_only_if_one_law_cannot_give_both(law
     written = tomllib.loads(Path("study.toml").read_text())
     assert len(written["parameters"]) == laws
     assert ("noise" in written) == (laws == 1)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_bound_among_two_outcomes_needs_noise_which_is_guessed() -> None:
+    load = np.arange(1.0, 21.0)
+    way = [f"{x:.3f}" for x in (load / 2.0).tolist()]
+    table("load,way,heat", load, [*way[:-1], ">9"], (1.0 + load % 3).round(3))
+    Path("model.py").write_text(
+        "def stop(load, drag=2.0, loss=1.0):\n    return {'way': load / drag, 'heat': loss}\n"
+    )
+    shown = done("new", "parts.csv", "--function", "model.py").output
+    noise = tomllib.loads(Path("study.toml").read_text())["noise"]
+    assert noise["heat"]["sd"] == pytest.approx(0.008)  # 1 % of the scatter
+    assert "sd = 0.008 is a guess" in shown
 
 
 @pytest.mark.usefixtures("folder")

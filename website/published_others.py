@@ -183,15 +183,41 @@ def fluazinam() -> Identification:
     )  # fmt: skip
 
 
-def motors() -> Identification:
-    """Lognormal lives of motor insulation above 150 degrees: some motors are still running."""
+def species() -> Identification:
+    """The same concentrations, without noise: the level differs between species."""
+    frame = table("fluazinam.csv")
+    frame["log10"] = np.log10(frame.pop("ec50"))
+    return answer(
+        level, frame, {"level": Normal(Free(-2.0, 6.0), Free(0.05, 5.0))}, "log10", None,
+        censored=Censoring("status", right="above"),
+    )  # fmt: skip
+
+
+def hours() -> pd.DataFrame:
+    """Lives of motor insulation above 150 degrees: some motors are still running."""
     frame = table("motors.csv")
     frame = frame[frame["temperature"] > 150].reset_index(drop=True)
     frame["inverse"] = 1000.0 / (273.2 + frame.pop("temperature"))
     frame["log_hours"] = np.log(frame.pop("hours"))
-    laws = {"a": Constant(Free(-40.0, 40.0)), "b": Constant(Free(-20.0, 30.0))}
+    return frame
+
+
+LINE = {"a": Constant(Free(-40.0, 40.0)), "b": Constant(Free(-20.0, 30.0))}
+
+
+def motors() -> Identification:
+    """Lognormal lives, whose scatter is taken as an error of measurement."""
     return answer(
-        lambda inverse, a, b: a + b * inverse, frame, laws, "log_hours", Noise(Free(0.05, 5.0)),
+        lambda inverse, a, b: a + b * inverse, hours(), LINE, "log_hours", Noise(Free(0.05, 5.0)),
+        censored=Censoring("status", right="running"),
+    )  # fmt: skip
+
+
+def motors_that_differ() -> Identification:
+    """The same without noise: the logarithm of a motor's life is its own by a normal law."""
+    return answer(
+        lambda inverse, a, b, own: a + b * inverse + own, hours(),
+        {**LINE, "own": Normal(0.0, Free(0.05, 5.0))}, "log_hours", None,
         censored=Censoring("status", right="running"),
     )  # fmt: skip
 
@@ -414,6 +440,24 @@ OTHERS = (
             Published("a", "-10.471", estimate("a.value")),
             Published("b", "8.322", estimate("b.value")),
             Published("sd", "0.604", estimate("noise.sd")),
+        ),
+    ),
+    Example(
+        "The same concentrations, as species that differ", "R package fitdistrplus",
+        "level normal; `censored`, no noise", species,
+        (
+            Published("log L", "-20.41212", log_likelihood),
+            Published("mean", "2.16145", estimate("level.mean"), 2e-4, FLAT),
+            Published("sd", "1.16729", estimate("level.sd"), 1e-4, FLAT),
+        ),
+    ),
+    Example(
+        "The same lives, of motors that differ", "R package survival; SAS, PROC LIFEREG",
+        "a + b inverse + own, own normal; `censored`, no noise", motors_that_differ,
+        (
+            Published("a", "-10.471", estimate("a.value")),
+            Published("b", "8.322", estimate("b.value")),
+            Published("sd", "0.604", estimate("own.sd")),
         ),
     ),
     Example(

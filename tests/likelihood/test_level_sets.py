@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator import Constant, Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator import Constant, Free, Inputs, LogNormal, Mixture, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, traceable
 from aleator.likelihood.level_sets.grid import Grid
 from aleator.simulators.response_functions import DirectResponse
@@ -134,6 +134,17 @@ def test_the_information_is_exact_where_one_law_is_very_narrow() -> None:
             assert slope[i] * width[k] * width[i] == pytest.approx(
                 second * width[k] * width[i], abs=0.003
             )
+
+
+def test_the_score_at_the_limit_of_a_share_is_that_from_inside() -> None:
+    """A share has the limit 0.999999: a step beyond it would leave the range of all laws."""
+    law = Normal(Free(-1.0, 3.0), Free(0.01, 1.0))
+    inputs, y = Inputs({"a": Mixture((law, law))}), LOADS * [0.9, 1.2, 1.0, 0.8]
+    (k,) = (i for i, h in enumerate(inputs.hyperparameters) if h.name == "a.1.share")
+    alpha = np.insert([1.0, 0.3, 2.0, 0.3], k, inputs.hyperparameters[k].upper)
+    found = likelihood(inputs, lambda c, a: c * a, y, 1024)(alpha)
+    one, two = (stats.norm.pdf(y / LOADS, mean, 0.3) for mean in (1.0, 2.0))
+    np.testing.assert_allclose(found.scores[:, k], 1.0 - two / one, rtol=1e-3)
 
 
 def test_equal_conditions_share_runs_and_parts_are_parts() -> None:

@@ -496,7 +496,8 @@ class Emulation:
         self.surface, self.where = self.processes.surface(where, self.terms), where
         if question.exact:
             model, y = question.choices.model, question.measured
-            return prepare(question.runner, y, model, self.region, None, self.surface)
+            own = (self.region, None, self.surface, question.bounds)
+            return prepare(question.runner, y, model, *own)
         on = (self.surface, self.region, self.of)
         if self.itself:
             return question.integral(OnProcesses(*on, means=self.processes.means))

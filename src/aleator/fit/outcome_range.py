@@ -89,20 +89,21 @@ def reached(question: Question, problem: Problem, region: Array) -> tuple[int, A
     widened to contain them. None if no outcome is missed, or the budget does not allow the search.
     Raises ExperimentsError for an outcome that the simulator itself does not give anywhere.
     """
-    runner, inputs, y = question.runner, question.inputs, question.measured
+    runner, inputs = question.runner, question.inputs
     short, moving = surface_diagnostics.shortfalls(problem), moving_parameters(region)
     most = OUTCOME_SEARCH.most(moving.size)
     if not short.any() or runner.account.granted(most) < most:
         return None
     farthest = int(np.argmax(np.abs(short)))
     condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))
+    bound = float(problem.ends[0 if side > 0.0 else 1, farthest])
     assert problem.surface is not None
     points = _spread(region[moving])
     values = problem.surface.take(np.array([condition])).evaluate(points)[0]
     sites = Sites.seen(runner, runner.unit, runner.column)
     x = _reached(
         sites.attempts(runner, region), points[np.argmax(side * values)], condition,
-        float(y[farthest]), side, _support(inputs)[moving],
+        bound, side, _support(inputs)[moving],
     )  # fmt: skip
     if x is None:
         raise surface_diagnostics.unreachable(problem, _owners(question))
@@ -121,7 +122,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
     model = question.choices.model
     if model.surfaces is not None:
         model = model.directly()
-    problem = prepare(runner, y, model, inputs.box, progress)
+    problem = prepare(runner, y, model, inputs.box, progress, bounds=question.bounds)
     sites = Sites.seen(runner, runner.unit, runner.column)
     moves = moving_parameters(inputs.box)
     straightly = straight(runner, sites.unit, sites.column)
@@ -143,11 +144,12 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
         if np.isnan(values).all():
             runner(sites.unit[[condition]], full(points[:1]))
         low[row], high[row] = np.nanmin(values), np.nanmax(values)
-        if low[row] <= y[row] <= high[row]:
+        lower, upper = problem.ends[:, row]
+        if low[row] <= upper and lower <= high[row]:
             continue
-        side = 1.0 if y[row] > high[row] else -1.0
+        side, bound = (1.0, lower) if lower > high[row] else (-1.0, upper)
         start = points[np.nanargmax(side * values)]
-        if _reached(run, start, condition, y[row], side, whole) is None:
+        if _reached(run, start, condition, bound, side, whole) is None:
             missed.append(row)
     if missed:
         raise surface_diagnostics.out_of_reach(np.array(missed), y, (low, high), _owners(question))

@@ -58,8 +58,9 @@ FEWEST = GaussHermite(3, 1)
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
-    This requires as many uncensored outcomes of each experiment as of any other, not more than
-    parameters that scatter, and the same law for all experiments, without levels. Otherwise the
+    This requires as many outcomes of each experiment as of any other, not more than parameters that
+    scatter, and the same law for all experiments, without levels. If there are several outcomes of
+    an experiment, none may be censored; of a single one the probability is computed. Otherwise the
     likelihood is an integral over each experiment's parameters. For conditions without outcomes
     it says whether they are predicted from the density of one outcome.
     """
@@ -250,8 +251,12 @@ class Question:
     @cached_property
     def measured(self) -> Array:
         """The observations (M,) as numbers; for a censored one its finite bound."""
-        seen = self.table.observations
-        return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
+        return self.table.observations.numbers
+
+    @property
+    def bounds(self) -> Array | None:
+        """The lower and upper bounds (2, M) of the observations; None if none is censored."""
+        return self.table.observations.bounds
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
         """The likelihood, with individual parameters integrated out by few nodes."""
@@ -333,9 +338,11 @@ def _without_density(table: Experiments, inputs: Inputs) -> str | None:
             "a mixture with a component that is a constant needs measurement noise: without it the "
             "outcomes of a constant have no density"
         )
-    if np.any(table.observations.censored):
+    counts = np.bincount(table.observations.experiment, minlength=len(table.ids))
+    if np.any(table.observations.censored) and counts.max() > 1:
         return (
-            "censored observations need measurement noise: without it their likelihood is not known"
+            "censored observations need measurement noise where experiments have several "
+            "observations: without it their likelihood is known for one observation an experiment"
         )
     if each is None:
         return (
@@ -421,8 +428,8 @@ def surfaces_alone(
 
 def _of_exact_outcomes(what: str, key: str) -> InputsError:
     return InputsError(
-        f"{what} is for one exact outcome an experiment, without measurement noise and without "
-        "mixtures",
+        f"{what} is for one exact outcome an experiment, without measurement noise, without "
+        "censored values and without mixtures",
         f"leave {key} out: no other likelihood needs it",
     )
 

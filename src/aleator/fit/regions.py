@@ -288,7 +288,8 @@ def agreeing(
     observation.
     """
     if isinstance(likelihood, Problem):
-        off = np.abs(values[of] - likelihood.outcomes[:, None])
+        lower, upper = likelihood.ends[..., None]
+        off = np.maximum(np.maximum(lower - values[of], values[of] - upper), 0.0)
         return np.argsort(off, axis=1, kind="stable")[:, :near]
     out = np.empty((likelihood.count, min(near, len(x))), dtype=np.intp)
     for block in likelihood.layout.blocks(len(x)):

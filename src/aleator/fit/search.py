@@ -370,8 +370,10 @@ def _groups_of(problem: Problem, fit: LeastSquares, seed: int) -> Iterator[Array
     alone = undivided(inputs)
     sets = problem.levels.sets(inputs.filling(problem.region, LEVELS.widths))
     wide = np.array([h.start for h in alone.hyperparameters])
-    share = replace(sets, inputs=alone).shares(wide)
-    x = np.where(sets.empty[:, None], fit.x, np.einsum("nk,nki->ni", share, sets.x))
+    x = np.tile(fit.x, (problem.count, 1))
+    for rows, points, share in sets.under(alone).points(wide):
+        x[rows] = np.einsum("nk,nki->ni", share, points)
+    x[sets.empty] = fit.x
     for rng in np.random.default_rng(seed).spawn(GUESSES.groups):
         yield apart(inputs, inputs.centered(fit.x), x, rng)[0]
 

@@ -194,8 +194,9 @@ def _likelihood(
     question = question.without(~known.seen[question.kept])
     if question.exact:
         made = prepare(
-            runner, question.measured, question.choices.model, known.region, None, known.surface
-        )
+            runner, question.measured, question.choices.model, known.region, None, known.surface,
+            question.bounds,
+        )  # fmt: skip
         return question, made, enough
     return question, question.integral(OnSurfaces(known.surface, known.region, known.of)), enough
 

@@ -88,6 +88,15 @@ def sequential_pit(
     return found
 
 
+def censored_pit(low: Array, high: Array, settings: CalibrationSettings = CALIBRATION) -> Array:
+    """Random probabilities (M,) between those of the bounds of each observation, `low` and `high`.
+
+    They are those of `sequential_pit`, so that both ways to a likelihood give the same ones.
+    """
+    share = np.random.default_rng(settings.seed).random(low.size)
+    return low + share * (high - low)
+
+
 def _points(observations: int, points: int | None, settings: CalibrationSettings) -> int:
     most = points or settings.points
     return int(np.clip(settings.values // observations, 2 * settings.effective, most))

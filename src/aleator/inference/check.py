@@ -234,16 +234,20 @@ def smoothed(
 ) -> IndividualLikelihood:
     """The likelihood of exact outcomes y (N,), each with an auxiliary normal error.
 
-    The error is the `share` of the scatter of the `predictor` under the law alpha (K,).
+    If some are censored, y (2, N) are the bounds of all. The error is the `share` of the scatter of
+    the `predictor` under the law alpha (K,).
     """
 
     def with_errors(sd: Array) -> IndividualLikelihood:
-        ends, rows = y[:, None], np.arange(y.size)
-        part = ResponseErrors(Noise("error"), rows, ends, ends, sd[:, None])
+        (lower, upper), rows = np.broadcast_to(y, (2, count)), np.arange(count)
+        part = ResponseErrors(
+            Noise("error"), rows, lower[:, None], upper[:, None], sd[:, None]
+        )  # fmt: skip
         errors = MeasurementErrors((part,), ("y",))
         return IndividualLikelihood.of(inputs, errors, predictor, layout, GaussHermite(1))
 
-    sd = share * scatter_of(with_errors(np.ones(y.size)), alpha)
+    count = y.shape[-1]
+    sd = share * scatter_of(with_errors(np.ones(count)), alpha)
     return with_errors(np.where(sd > 0.0, sd, EXACT_OUTCOMES.smallest))
 
 

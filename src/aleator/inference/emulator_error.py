@@ -134,11 +134,11 @@ def functional(
 def near_outcomes(
     problem: Problem, alpha: Array, predictor: Predictor, settings: FunctionalSettings = FUNCTIONAL
 ) -> IndividualLikelihood:
-    """The likelihood of exact outcomes with a small auxiliary error, by simulated values."""
+    """The likelihood of outcomes with a small auxiliary error, by simulated values."""
     rows = np.arange(problem.count)
     layout = Layout(rows.size, rows, rows, np.zeros(rows.size, dtype=np.intp))
     law = alpha[: problem.inputs.size]
-    return smoothed(problem.inputs, law, predictor, layout, problem.outcomes, settings.smooth)
+    return smoothed(problem.inputs, law, predictor, layout, problem.ends, settings.smooth)
 
 
 def eased(

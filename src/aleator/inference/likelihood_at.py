@@ -15,7 +15,7 @@ from scipy import special
 from aleator.core.types import Array, Flags
 from aleator.errors import NOISE, InputsError
 from aleator.inference.alpha_draws import quantiles
-from aleator.inference.calibration import sequential_pit
+from aleator.inference.calibration import censored_pit, sequential_pit
 from aleator.inference.check import Remembered
 from aleator.inference.surface_diagnostics import relative_errors
 from aleator.laws import Hyperparameter
@@ -84,7 +84,10 @@ def _without_noise() -> InputsError:
 
 @dataclass(frozen=True, eq=False)
 class OutcomesAt:
-    """The likelihood of exact outcomes, of which each experiment has one or several."""
+    """The likelihood without noise: of several exact outcomes of each experiment, or of one.
+
+    One outcome may be censored.
+    """
 
     problem: Problem
     alpha: Array
@@ -162,25 +165,32 @@ class OutcomesAt:
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The likelihood of other exact outcomes, taken from the observations `seen`."""
-        return replace(self, problem=self.problem.with_outcomes(seen.lower))
+        """The likelihood of other outcomes, taken from the observations `seen`."""
+        return replace(self, problem=self.problem.with_outcomes(seen.numbers, seen.bounds))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Outcomes drawn under the law of alpha.
+        """Outcomes drawn under the law of alpha, censored like those seen.
 
         With surfaces they are values of the surfaces, with level sets of a direct simulator they
         are simulated values. With collocation they are quantiles of the computed densities; an
         outcome whose density failed stays as it is.
         """
         y = self._drawn(rng)
+        if np.any(seen.censored):
+            return censored_alike(seen, y, rng)
         return replace(seen, lower=y, upper=y)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
         """P(outcome below the measured one | earlier ones of its experiment, alpha) (M,).
 
-        Under the right alpha these probabilities are independent and uniform.
+        Under the right alpha these probabilities are independent and uniform. A censored outcome
+        gets a random probability between those of its bounds.
         """
-        problem, alone = self.problem, self._under.cdf(self.problem.outcomes)
+        problem = self.problem
+        if problem.bounds is not None:
+            low, high = (self._under.cdf(end) for end in problem.bounds)
+            return censored_pit(low, high)
+        alone = self._under.cdf(problem.outcomes)
         if problem.each == 1:
             return alone
         assert problem.levels is not None
@@ -218,16 +228,17 @@ class OutcomesAt:
 
     def _scores_on_level_sets(self) -> tuple[Array, Array]:
         """The means (N, s) and mean products (N, s, s) of `variates`."""
-        levels, inputs = self.problem.levels, self.inputs
+        levels, inputs, s = self.problem.levels, self.inputs, self.inputs.scattering
         assert levels is not None
-        sets = levels.sets(self.alpha)
-        share = sets.shares(self.alpha)
-        rows, point = np.nonzero(share)
-        x, theta = sets.x[rows, point], np.zeros((*share.shape, inputs.scattering))
-        for s, i in enumerate(inputs.scattered):
-            theta[rows, point, s] = inputs.normal_score(i, self.alpha, x)
-        means = np.einsum("nk,nks->ns", share, theta)
-        return means, np.einsum("nk,nks,nkt->nst", share, theta, theta)
+        means, products = np.zeros((self.count, s)), np.zeros((self.count, s, s))
+        for rows, x, share in levels.sets(self.alpha).points(self.alpha):
+            row, point = np.nonzero(share)
+            theta = np.zeros((*share.shape, s))
+            for k, i in enumerate(inputs.scattered):
+                theta[row, point, k] = inputs.normal_score(i, self.alpha, x[row, point])
+            means[rows] = np.einsum("nk,nks->ns", share, theta)
+            products[rows] = np.einsum("nk,nks,nkt->nst", share, theta, theta)
+        return means, products
 
     def on_level_sets(self) -> IndividualParameters:
         """The parameters of each experiment, given its outcomes, which lie on its level set.
@@ -236,16 +247,21 @@ class OutcomesAt:
         """
         levels, inputs, alpha = self.problem.levels, self.inputs, self.alpha
         assert levels is not None
-        sets = levels.sets(alpha)
-        share = sets.shares(alpha)
-        mean = np.einsum("nk,nki->ni", share, sets.x)
-        spread = np.einsum("nk,nki->ni", share, (sets.x - mean[:, None]) ** 2)
-        mode = sets.x[np.arange(self.count), np.argmax(share, axis=1)]
-        components = {}
-        for i, (name, law) in enumerate(inputs.laws.items()):
-            if isinstance(law, Mixture):
-                each = law.probabilities(alpha[inputs.slices[i]], sets.x[..., i])
-                components[name] = np.einsum("nk,cnk->nc", share, each)
+        mean, spread, mode = np.zeros((3, self.count, len(inputs.names)))
+        mixtures = [
+            (i, name, law) for i, (name, law) in enumerate(inputs.laws.items())
+            if isinstance(law, Mixture)
+        ]  # fmt: skip
+        components = {
+            name: np.zeros((self.count, len(law.components))) for _, name, law in mixtures
+        }  # fmt: skip
+        for rows, x, share in levels.sets(alpha).points(alpha):
+            mean[rows] = np.einsum("nk,nki->ni", share, x)
+            spread[rows] = np.einsum("nk,nki->ni", share, (x - mean[rows][:, None]) ** 2)
+            mode[rows] = x[np.arange(rows.size), np.argmax(share, axis=1)]
+            for i, name, law in mixtures:
+                each = law.probabilities(alpha[inputs.slices[i]], x[..., i])
+                components[name][rows] = np.einsum("nk,cnk->nc", share, each)
         shrinkage = np.full(len(inputs.names), np.nan)
         shrinkage[[*inputs.scattered]] = 1.0 - self._scores_on_level_sets()[0].std(axis=0)
         return IndividualParameters(

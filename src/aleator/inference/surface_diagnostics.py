@@ -369,8 +369,8 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
 
 def shortfalls(problem: Problem) -> Array:
     """How far outcomes (M,) lie above the possible range, or below it (negative); zero inside."""
-    y, reach = problem.outcomes, problem.predictor
-    return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
+    (lower, upper), reach = problem.ends, problem.predictor
+    return np.asarray(np.maximum(lower - reach.upper, 0.0) + np.minimum(upper - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
@@ -486,6 +486,8 @@ def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> li
     far = "the measured outcome lies at an extreme of it or beyond, where its density is not known"
     if problem.each > 1:
         far = "no parameters were found that give all measured outcomes of an experiment together"
+    elif problem.bounds is not None:
+        far += ", or no parameters give an outcome within the bounds of a censored one"
     return of_experiments(
         "extreme",
         problem.unreached_at(alpha),

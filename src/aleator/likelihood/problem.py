@@ -80,21 +80,33 @@ class Forward:
         """The name of the propagation method in reports."""
         return self.model.name
 
-    def with_outcomes(self, outcomes: Array) -> Problem:
-        """The inverse problem for measured outcomes (M,)."""
+    def with_outcomes(self, outcomes: Array, bounds: Array | None = None) -> Problem:
+        """The inverse problem for measured outcomes (M,), some of which may be censored.
+
+        `bounds` (2, M) are then the bounds of all outcomes; see `LevelLikelihood`.
+        """
         own = (self.model, self.predictor, self.response, self.surface, self.region)
-        return Problem(*own, self.condition, self.each, outcomes, _likelihood(self, outcomes))
+        made = _likelihood(self, outcomes, bounds)
+        return Problem(*own, self.condition, self.each, outcomes, bounds, made)
 
 
 @dataclass(frozen=True)
 class Problem(Forward):
     """The inverse problem: the forward problem and the measured outcomes (M,).
 
-    The `likelihood` is computed by level sets, or by a density fitted to moments if one was chosen.
+    With censored outcomes, `bounds` (2, M) are the lower and upper bounds of all, equal where an
+    outcome is exact, and `outcomes` has a finite bound of each censored one. The `likelihood` is
+    computed by level sets, or by a density fitted to moments if one was chosen.
     """
 
     outcomes: Array
+    bounds: Array | None
     likelihood: Likelihood | LevelLikelihood
+
+    @property
+    def ends(self) -> Array:
+        """The lower and upper bounds (2, M) of the outcomes, which are equal for exact ones."""
+        return np.stack([self.outcomes] * 2) if self.bounds is None else self.bounds
 
     @property
     def inputs(self) -> Inputs:
@@ -191,7 +203,7 @@ class Problem(Forward):
         if self.levels is not None:
             return self.levels
         known = self.surface is not None and traceable(self.model.inputs)
-        return level_sets(self, self.outcomes).fine() if known else None
+        return level_sets(self, self.outcomes, self.bounds).fine() if known else None
 
     @property
     def continued(self) -> Objective:
@@ -203,9 +215,15 @@ class Problem(Forward):
         """The objective for derivatives by alpha, which is that of the search."""
         return self.continued
 
-    def with_outcomes(self, outcomes: Array) -> Problem:
-        """This problem with other outcomes (M,)."""
-        return replace(self, outcomes=outcomes, likelihood=self.likelihood.with_outcomes(outcomes))
+    def with_outcomes(self, outcomes: Array, bounds: Array | None = None) -> Problem:
+        """This problem with other outcomes (M,) and bounds (2, M)."""
+        levels = self.levels
+        made = (
+            self.likelihood.with_outcomes(outcomes)
+            if levels is None
+            else levels.with_outcomes(outcomes, bounds)
+        )
+        return replace(self, outcomes=outcomes, bounds=bounds, likelihood=made)
 
 
 def forward(
@@ -225,6 +243,7 @@ def forward(
     """
     sites = Sites.seen(runner, runner.unit, runner.column)
     condition, count, inputs = sites.of, len(sites), model.inputs
+    each = condition.size // len(runner.ids)
     response: ResponseFunction
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     if model.surfaces is not None:
@@ -239,7 +258,9 @@ def forward(
         lower, upper = surface.lower - margin, surface.upper + margin
         response = Confined(surface, region)
     elif isinstance(model.propagation, ResponseSurface):
-        response = DirectResponse(straight(runner, sites.unit, sites.column), count, inputs.box)
+        # A life without end may agree with a bound; several outcomes are never censored.
+        run = straight(runner, sites.unit, sites.column, infinite=each == 1)
+        response = DirectResponse(run, count, inputs.box)
     else:
         step = model.propagation.difference_step
         response = DirectResponse(by_calls(runner), count, inputs.box, step)
@@ -248,7 +269,6 @@ def forward(
         predictor: OutcomePredictor = PointPredictor(inputs, response, condition, *ends)
     else:
         predictor = _by_moments(model, model.density, response, condition, ends, region)
-    each = condition.size // len(runner.ids)
     return Forward(model, predictor, response, surface, region, condition, each)
 
 
@@ -259,12 +279,16 @@ def prepare(
     region: Array,
     progress: Progress | None = None,
     surface: Surface | None = None,
+    bounds: Array | None = None,
 ) -> Problem:
-    """The inverse problem for outcomes (M,), with the forward problem built by `forward`."""
-    return forward(runner, model, region, progress, surface).with_outcomes(outcomes)
+    """The inverse problem for outcomes (M,), with the forward problem built by `forward`.
+
+    `bounds` (2, M) are the bounds of the outcomes if some are censored.
+    """
+    return forward(runner, model, region, progress, surface).with_outcomes(outcomes, bounds)
 
 
-def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
+def level_sets(problem: Forward, outcomes: Array, bounds: Array | None = None) -> LevelLikelihood:
     """The likelihood of outcomes (M,) by level sets that are as fine as a search needs."""
     inputs, response, condition = problem.model.inputs, problem.response, problem.condition
     assert isinstance(response, Divisible)
@@ -273,7 +297,9 @@ def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
     if problem.each > 1:
         condition = condition.reshape(-1, problem.each)
         outcomes = outcomes.reshape(-1, problem.each)
-    return LevelLikelihood(inputs, response, region, condition, outcomes, few)
+    return LevelLikelihood(
+        inputs, response, region, condition, outcomes, few, bounds=bounds
+    )  # fmt: skip
 
 
 def _by_moments(
@@ -297,10 +323,12 @@ def _by_moments(
     return Predictive(way, density, condition, *ends, model.hyperparameters)
 
 
-def _likelihood(forward: Forward, outcomes: Array) -> Likelihood | LevelLikelihood:
+def _likelihood(
+    forward: Forward, outcomes: Array, bounds: Array | None
+) -> Likelihood | LevelLikelihood:
     """The likelihood by level sets, or by a density fitted to moments if one was chosen."""
     if forward.model.density is None:
-        return level_sets(forward, outcomes)
+        return level_sets(forward, outcomes, bounds)
     from aleator.moments.likelihood import Likelihood, Predictive
 
     assert isinstance(forward.predictor, Predictive)

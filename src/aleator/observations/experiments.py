@@ -416,11 +416,14 @@ class Experiments(_TableRows):
 
     @property
     def exact_each(self) -> int | None:
-        """The number of values of each experiment; None if it differs, or a value is censored."""
+        """The number of values of each experiment without noise; None if it differs.
+
+        It is None, too, if one of several values is censored.
+        """
         seen = self.observations
         counts = np.bincount(seen.experiment, minlength=len(self.ids))
-        alike = len(seen) > 0 and np.all(counts == counts[0]) and not np.any(seen.censored)
-        return int(counts[0]) if alike else None
+        alike = len(seen) > 0 and np.all(counts == counts[0])
+        return int(counts[0]) if alike and (counts[0] == 1 or not np.any(seen.censored)) else None
 
     @property
     def outcomes(self) -> Array:

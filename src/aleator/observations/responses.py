@@ -197,6 +197,16 @@ class Observations:
         """Whether only bounds of each value are known, bool (M,)."""
         return ~self.measured & ~np.isnan(self.lower)
 
+    @cached_property
+    def numbers(self) -> Array:
+        """The values (M,) as numbers; for a censored one its finite bound, the lower of two."""
+        return np.where(np.isfinite(self.lower), self.lower, self.upper)
+
+    @property
+    def bounds(self) -> Array | None:
+        """The lower and upper bounds (2, M) of all values; None if no value is censored."""
+        return np.stack([self.lower, self.upper]) if np.any(self.censored) else None
+
 
 def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
     """The lower and upper limit of the test for each response, beyond which values are censored.

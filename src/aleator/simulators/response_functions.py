@@ -206,17 +206,17 @@ def by_calls(runner: Runner) -> Run:
     return lambda index, x: runner(first[index], x)
 
 
-def straight(runner: Runner, unit: Indices, column: Indices) -> Run:
-    """A `Run` whose runs are neither remembered nor stored; NaN where a run has no finite value.
+def straight(runner: Runner, unit: Indices, column: Indices, infinite: bool = False) -> Run:
+    """A `Run` whose runs are neither remembered nor stored; NaN where a run failed.
 
     Its index is the number of a simulated value: column `column[index]` of the run of unit
-    `unit[index]`.
+    `unit[index]`. An infinite value is NaN as well, unless `infinite` ones are asked for.
     """
     same = bool(np.all(column == column[0]))
 
     def run(index: Indices, x: Array) -> Array:
         values = runner.straight(unit[index], x)
         own = values[:, column[0]] if same else values[np.arange(len(x)), column[index]]
-        return np.where(np.isfinite(own), own, np.nan)
+        return own if infinite else np.where(np.isfinite(own), own, np.nan)
 
     return run

@@ -366,7 +366,7 @@ def proposed(
     laws = sum(each.scatters for each in parameters)
     if experiments < len(sheet.table) or _needs_noise(sheet.table, outcomes, laws):
         noise = {name: noise_limits(one) for name, one in spread.items()}
-    elif censored:
+    elif censored and len(outcomes) > 1:
         noise = {name: _rounded(RULES.assumed * one, math.floor) for name, one in spread.items()}
     if len(roles.errors) == 1 and len(outcomes) == 1:
         noise = {outcomes[0]: roles.errors[0]}

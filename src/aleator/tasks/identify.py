@@ -96,9 +96,10 @@ def identify(
     `noise` is the standard deviation of the measurement error, a number or `Free(lower, upper)`, or
     a `Noise`, or a mapping from outcomes to these. With `noise` the likelihood is an integral over
     each experiment's own parameters. Without noise it is an integral over level sets, the
-    parameters at which the simulator gives the measured outcome. Both are exact up to numerical
-    errors. If a `density`, `Collocation` or `nodes` of the law are chosen, the density of an
-    outcome without noise is computed from its moments instead.
+    parameters at which the simulator gives the measured outcome, or the bands between them that
+    agree with the bounds of a censored one. Both are exact up to numerical errors. If a `density`,
+    `Collocation` or `nodes` of the law are chosen, the density of an exact outcome without noise is
+    computed from its moments instead.
 
     Runs are made by the workers of `executor`, or in this process. The result is the same as long
     as twice the number of workers is no more than six, or than half of the distinct conditions;

@@ -65,8 +65,9 @@ def _drawn(
             for _ in range(replicates)
         ]
     if not table.simple:
+        seen, censored = table.observations, bool(np.any(table.observations.censored))
         return [
-            replace(table.observations, lower=y, upper=y)
+            censored_alike(seen, y, rng) if censored else replace(seen, lower=y, upper=y)
             for y in (_simulated(runner, inputs, alpha, rng) for _ in range(replicates))
         ]
     x = inputs.sample(alpha[: inputs.size], rng.random((replicates * count, len(inputs.names))))

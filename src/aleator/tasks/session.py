@@ -420,7 +420,9 @@ class Session:
         fit, table = kept(self.fit), unmeasured(candidates)
         if self.model is not None:
             ready = under_law(runner, self.model, alpha, progress)
-            problem = ready.with_outcomes(np.full(ready.condition.size, np.nan))
+            limited = with_limits_of_test(table.observations, fit.table.observations)
+            problem = ready.with_outcomes(limited.numbers, limited.bounds)
+            table = table.with_observations(limited)
             return Fit.of_outcomes(problem, alpha, fit.inference, table)
         assert isinstance(fit.likelihood, IndividualsAt)
         assert self.inputs is not None

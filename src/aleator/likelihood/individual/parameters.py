@@ -225,17 +225,21 @@ def _scores_of(
 ) -> Array:
     """Weighted sums (B, K) of scores at points x (T, n) over the points of each experiment.
 
-    `owner` (T,) is the experiment of each point. The scores are central differences.
+    `owner` (T,) is the experiment of each point. The scores are central differences; beyond the
+    limits of a hyperparameter, such as the share of a component, there may be no law.
     """
     found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
         if not h.is_number:
             size = max(abs(alpha[k]), settings.least_size * (h.upper - h.lower))
             step = settings.step * size
+            rooms = h.upper - alpha[k], alpha[k] - h.lower
+            ends = [room if 0.0 <= room < step else step for room in rooms]
             up, down = (
-                _changed_density(inputs, _moved(alpha, k, by), x, k, scores) for by in (step, -step)
+                _changed_density(inputs, _moved(alpha, k, by), x, k, scores)
+                for by in (ends[0], -ends[1])
             )
-            slope = (up - down) / (2.0 * step)
+            slope = (up - down) / sum(ends)
             found[:, k] = np.bincount(owner, share * slope, minlength=count)
     return found
 

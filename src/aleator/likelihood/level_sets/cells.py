@@ -62,47 +62,60 @@ def crossed(
     place = np.unravel_index(corners, shape)
     x = np.stack([side[i] for side, i in zip(sides, place, strict=True)], axis=-1)
     of = condition[whose]
-    slope = _slopes(eta, of, corners, sides) * np.ptp(x, axis=1, keepdims=True)
+    slope = slopes_at(eta, of, corners, sides) * np.ptp(x, axis=1, keepdims=True)
     v = eta[of[:, None], corners]
-    slopes, smooth = _smooth(v, _unit(x), slope, alike, settings.steep)
+    slopes, smooth = smoothed(v, unit(x), slope, alike, settings.steep)
     count = math.prod(size - 1 for size in shape)
-    through, bent = whose * count + cell, _hiding(y, condition, eta, sides)
+    through, bent = whose * count + cell, hiding(y, condition, eta, sides)
     bent = np.union1d(through[~smooth], bent)
     kept = ~np.isin(through, bent)
-    whole = (rows[whose[kept]], *_pieces(y[whose[kept]], v[kept], x[kept], slopes[kept]))
-    index, where = np.divmod(bent, count)
-    low = np.unravel_index(where, tuple(size - 1 for size in shape))
-    ends = [np.stack([side[i], side[i + 1]]) for side, i in zip(sides, low, strict=True)]
-    first = np.ravel_multi_index(low, shape)
-    far = np.array([0, 1, shape[-1], shape[-1] + 1])[: 2 ** len(shape)]
-    outcomes = eta[condition[index][:, None], first[:, None] + far].reshape(-1, *[2] * len(shape))
-    parts = _halved(rows[index], y[index], np.stack(ends, axis=-1), outcomes, at, alike, settings)
-    owner, on, weight = (
-        np.concatenate(one) for one in zip(_flat(*whole), *(_flat(*p) for p in parts), strict=True)
-    )
+    whole = (rows[whose[kept]], *pieces(y[whose[kept]], v[kept], x[kept], slopes[kept]))
+    index, ends, outcomes = cells_of(bent, condition, eta, sides)
+    parts = _halved(rows[index], y[index], ends, outcomes, at, alike, settings)
+    every = [listed(*whole), *(listed(*part) for part in parts)]
+    owner, on, weight = (np.concatenate(one) for one in zip(*every, strict=True))
     return owner, on, weight
 
 
-def _unit(x: Array) -> Array:
+def cells_of(
+    number: Indices, condition: Indices, eta: Array, sides: tuple[Array, ...]
+) -> tuple[Indices, Array, Array]:
+    """The cells of these numbers (M,): experiments (M,), ends (2, M, s), outcomes (M, 2 [, 2]).
+
+    The cells of each experiment are numbered after those of the one before. `ends` are the lower
+    and upper coordinates, and the outcomes are those at the corners; see `crossed`.
+    """
+    shape = tuple(side.size for side in sides)
+    few = tuple(size - 1 for size in shape)
+    index, where = np.divmod(number, math.prod(few))
+    low = np.unravel_index(where, few)
+    ends = [np.stack([side[i], side[i + 1]]) for side, i in zip(sides, low, strict=True)]
+    first = np.ravel_multi_index(low, shape)
+    far = np.array([0, 1, shape[-1], shape[-1] + 1])[: 2 ** len(shape)]
+    outcomes = eta[condition[index][:, None], first[:, None] + far]
+    return index, np.stack(ends, axis=-1), outcomes.reshape(-1, *[2] * len(shape))
+
+
+def unit(x: Array) -> Array:
     """The corners (H, s + 1, s) of simplices in coordinates that run from 0 to 1 in their cells."""
     low = x.min(axis=1, keepdims=True)
     return np.asarray((x - low) / (x.max(axis=1, keepdims=True) - low))
 
 
-def _pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
+def pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
     """Points (H, C, s) and weights (H, C) of the level sets in simplices.
 
     A simplex is an interval or a triangle with corners x (H, s + 1, s). It has the outcomes v
     (H, s + 1) and the `slopes` (H, s + 1, s), in widths of the cell, at its corners. For a
     quadratic outcome the error is of third order in the difference of the slopes.
     """
-    inside = _on_line if x.shape[2] == 1 else _in_triangle
+    within = _on_line if x.shape[2] == 1 else _in_triangle
     low, width = x.min(axis=1), np.ptp(x, axis=1)
-    found, weight = inside(y, v, _unit(x), slopes)
+    found, weight = within(y, v, unit(x), slopes)
     return low[:, None] + found * width[:, None], weight * width.prod(axis=1, keepdims=True)
 
 
-def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Array]:
+def listed(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Array]:
     """The experiments (H C,), points (H C, s) and weights (H C,), as flat lists of all points."""
     return np.repeat(whose, on.shape[1]), on.reshape(-1, on.shape[2]), weight.ravel()
 
@@ -125,27 +138,13 @@ def _halved(
     is left out. Any other part is halved again.
     """
     s = ends.shape[2]
-    triangles = _simplices(*[2] * s)
+    triangles = simplices_of(*[2] * s)
     place = np.stack(np.unravel_index(triangles, (2,) * s), axis=-1)
-    halves = list(product((0, 1), repeat=s))
     for left in reversed(range(settings.halvings)):
         if not rows.size:
             return
-        sides = np.stack([ends[0], ends.mean(axis=0), ends[1]])
-        full = _between(rows, sides, v, at)
-        slope = _by_parabolas(full)
-        bend = sum(np.abs(np.diff(full, 2, axis=1 + i)).reshape(len(full), 3 ** (s - 1)).max(1)
-                   for i in range(s))  # fmt: skip
-        part = [(np.s_[:], *[np.s_[i : i + 2] for i in half]) for half in halves]
-        v = np.concatenate([full[one] for one in part])
-        slope = np.concatenate([slope[one] for one in part]).reshape(len(v), 2**s, s)
-        ends = np.stack([
-            np.concatenate([
-                np.stack([sides[i + more, :, k] for k, i in enumerate(half)], axis=1)
-                for half in halves
-            ]) for more in (0, 1)
-        ])  # fmt: skip
-        rows, y, bend = (np.tile(one, len(halves)) for one in (rows, y, bend))
+        ends, v, slope, bend = halves_of(rows, ends, v, at)
+        rows, y = np.tile(rows, 2**s), np.tile(y, 2**s)
         flat = v.reshape(len(v), 2**s)
         known = np.asarray(np.isfinite(flat).all(axis=1))
         corner = flat[:, triangles]
@@ -153,7 +152,7 @@ def _halved(
         cell, which = np.nonzero(on)
         low, width = ends[0, cell], ends[1, cell] - ends[0, cell]
         x = low[:, None] + place[which] * width[:, None]
-        steps, smooth = _smooth(
+        steps, smooth = smoothed(
             corner[on],
             place[which].astype(float),
             slope[cell[:, None], triangles[which]],
@@ -164,11 +163,39 @@ def _halved(
         done = ~rough[cell]
         yield (
             rows[cell[done]],
-            *_pieces(y[cell[done]], corner[on][done], x[done], steps[done]),
+            *pieces(y[cell[done]], corner[on][done], x[done], steps[done]),
         )
         near = known & (np.abs(flat - y[:, None]).min(axis=1) < 0.5 * bend)
         again = np.where(on.any(axis=1), rough, near)
         rows, y, ends, v = rows[again], y[again], ends[:, again], v[again]
+
+
+@np.errstate(invalid="ignore")
+def halves_of(rows: Indices, ends: Array, v: Array, at: At) -> tuple[Array, Array, Array, Array]:
+    """The 2^s M halves of M cells: ends (2, 2^s M, s), outcomes, slopes, and bends (2^s M,).
+
+    The outcomes (2^s M, 2) or (2^s M, 2, 2) are those at the corners of the halves, and the slopes
+    (2^s M, 2^s, s) are in widths of a half. A bend is the change of the outcome in a cell by its
+    curvature. The halves at one place of all cells are followed by those at the next place. The
+    arguments are those of `_halved`.
+    """
+    s = ends.shape[2]
+    sides = np.stack([ends[0], ends.mean(axis=0), ends[1]])
+    full = _between(rows, sides, v, at)
+    slope = _by_parabolas(full)
+    bend = sum(np.abs(np.diff(full, 2, axis=1 + i)).reshape(len(full), 3 ** (s - 1)).max(1)
+               for i in range(s))  # fmt: skip
+    halves = list(product((0, 1), repeat=s))
+    part = [(np.s_[:], *[np.s_[i : i + 2] for i in half]) for half in halves]
+    v = np.concatenate([full[one] for one in part])
+    slope = np.concatenate([slope[one] for one in part]).reshape(len(v), 2**s, s)
+    ends = np.stack([
+        np.concatenate([
+            np.stack([sides[i + more, :, k] for k, i in enumerate(half)], axis=1)
+            for half in halves
+        ]) for more in (0, 1)
+    ])  # fmt: skip
+    return ends, v, slope, np.tile(bend, len(halves))
 
 
 def _between(rows: Indices, sides: Array, v: Array, at: At) -> Array:
@@ -208,7 +235,7 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
     A simplex is an interval or a triangle. A set goes through it if some corner has an outcome
     above the measured one and some corner has not.
     """
-    simplices = _simplices(*shape)
+    simplices = simplices_of(*shape)
     below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
     place = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
     through = _together(place.reshape(len(y), *shape)) == BELOW | ABOVE
@@ -216,7 +243,8 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
     return whose, where % math.prod(size - 1 for size in shape), simplices[where]
 
 
-def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
+@np.errstate(invalid="ignore")
+def hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
     """The numbers of the cells that may contain a level set although their corners do not show it.
 
     The outcomes at all corners of such a cell are on the same side of the measured one, but at one
@@ -240,7 +268,7 @@ def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) 
 
 
 @lru_cache
-def _simplices(*points: int) -> Indices:
+def simplices_of(*points: int) -> Indices:
     """The corners (C, s + 1) of all simplices of a grid.
 
     These are the intervals of a grid in one parameter, and two triangles for each rectangle of a
@@ -256,7 +284,7 @@ def _simplices(*points: int) -> Indices:
 
 
 def _together(corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The codes of all corners of each simplex, joined by bitwise "or" (B, C); see `_simplices`."""
+    """The codes of all corners of each simplex, joined by bitwise "or" (B, C)."""
     if corners.ndim == 2:
         return corners[:, :-1] | corners[:, 1:]
     both = corners[:, :-1, :-1] | corners[:, 1:, 1:]
@@ -264,7 +292,7 @@ def _together(corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.stack(found, axis=1).reshape(len(corners), -1)
 
 
-def _slopes(eta: Array, whose: Indices, corners: Indices, sides: tuple[Array, ...]) -> Array:
+def slopes_at(eta: Array, whose: Indices, corners: Indices, sides: tuple[Array, ...]) -> Array:
     """Slopes (H, C, s) at the corners (H, C) of simplices, by parabolas through three grid points.
 
     `whose` (H,) are the rows of `eta` with the outcomes.
@@ -297,7 +325,8 @@ def _chord(v: Array, x: Array) -> Array:
     return np.asarray(slope / (a * d - b * c)[:, None], dtype=np.float64)
 
 
-def _smooth(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tuple[Array, Flags]:
+@np.errstate(invalid="ignore")
+def smoothed(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tuple[Array, Flags]:
     """The slopes (H, C, s) to use at the corners, and flags (H,) of simplices with smooth outcomes.
 
     The arguments are the outcomes v (H, C), the corners x (H, C, s) and the slopes (H, C, s) there.

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aleator.core.types import Array, Indices
-from aleator.likelihood.level_sets.cells import CELLS, CellSettings, crossed
+from aleator.likelihood.level_sets import bands
+from aleator.likelihood.level_sets.bands import BANDS, BandSettings
+from aleator.likelihood.level_sets.cells import CELLS, At, CellSettings, crossed
 from aleator.simulators.response_functions import Divisible
 
 
@@ -21,8 +23,8 @@ class GridSettings:
     narrower than this share of the law's width needs no cells, because the law ends there.
     `least_change`: the smallest share of an outcome's changes that is assumed along each side of
     the grid. `block`: the number of simulated values that are processed together. `kept`: the
-    number of simulated values on grids that are stored for other outcomes. `cells`: the settings of
-    cells.
+    number of simulated values on grids that are stored for other outcomes. `cells` and `bands`: the
+    settings of cells, and of bands.
     """
 
     share: float = 0.09
@@ -31,6 +33,7 @@ class GridSettings:
     block: int = 250_000
     kept: int = 8_000_000
     cells: CellSettings = CELLS
+    bands: BandSettings = BANDS
 
 
 GRIDS = GridSettings()
@@ -98,25 +101,38 @@ class Grid:
                 return False
         return True
 
-    def traced(self, y: Array) -> tuple[Array, Array]:
+    def traced(self, y: Array, condition: Indices) -> tuple[Array, Array]:
         """Points (N, K, n) and log weights (N, K) on the level sets {x: eta_l(x) = y_l} of y (N,).
 
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The sets are found in the intervals
         or triangles of the grid, from the outcomes and slopes at the corners (see `crossed`). Cells
-        are halved where the outcome is not smooth. Cost: the response of each condition at all
-        points.
+        are halved where the outcome is not smooth. `condition` (N,) is the number of the condition
+        of each outcome. Cost: the response of each condition at all points.
         """
-        points = self._points
-        cells = self.settings.cells
         found = [
-            crossed(rows, y[rows], condition, eta, self.sides, self._at, self.alike, cells)
-            for rows, condition, eta in self._simulated(points)
-        ]
-        owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
-        x = np.tile(self.x, (len(on), 1))
-        x[:, [*self.scattered]] = on
-        with np.errstate(divide="ignore"):
-            return in_rows(y.size, owner, x, np.log(weight))
+            crossed(
+                rows, y[rows], own, eta, self.sides, self._at(condition), self.alike,
+                self.settings.cells,
+            )
+            for rows, own, eta in self._simulated(condition)
+        ]  # fmt: skip
+        return self._in_rows(y.size, found)
+
+    def enclosed(self, ends: Array, condition: Indices, pieces: int) -> tuple[Array, Array]:
+        """Points (R, K, n) and log weights (R, K) in the bands {x: lower_r <= eta(x) <= upper_r}.
+
+        int_band p(x) dx = sum_k w_rk p(x_rk). `ends` (2, R) are the bounds, and `condition` (R,) is
+        the number of the condition of each band. `pieces` is the least number of blocks along a
+        side; see `bands`. Cost: that of `traced`, whose values are used again.
+        """
+        found = [
+            bands.enclosed(
+                rows, ends[:, rows], own, eta, self.sides, self._at(condition), self.alike,
+                pieces, self.settings.bands, self.settings.cells,
+            )
+            for rows, own, eta in self._simulated(condition)
+        ]  # fmt: skip
+        return self._in_rows(condition.size, found)
 
     def changes(self) -> Array:
         """The change of the outcome along each side (s,) of the grid, relative to all sides.
@@ -125,8 +141,9 @@ class Grid:
         averaged over the experiments by the geometric mean. Cost: the response at all points.
         """
         shape = tuple(side.size for side in self.sides)
-        simulated = self._simulated(self._points)
+        simulated = self._simulated(self.condition)
         eta = np.concatenate([part[condition] for _, condition, part in simulated])
+        eta = np.where(np.isfinite(eta), eta, np.nan)
         by_side = [
             np.nansum(np.abs(np.diff(eta.reshape(-1, *shape), axis=1 + i)).reshape(len(eta), -1), 1)
             for i in range(len(shape))
@@ -135,26 +152,39 @@ class Grid:
         shares = np.maximum(by_side / whole, self.settings.least_change)
         return np.asarray(np.exp(np.mean(np.log(shares), axis=1)))
 
-    def _at(self, rows: Indices, scattered: Array) -> Array:
-        """Outcomes (R,) of experiments `rows` (R,) at values (R, s) of the grid's parameters."""
-        x = np.tile(self.x, (len(rows), 1))
+    def _at(self, condition: Indices) -> At:
+        """The outcomes (R,) of rows with these conditions at values (R, s) of the parameters."""
+
+        def at(rows: Indices, scattered: Array) -> Array:
+            return self.response.at(condition[rows], self._x(scattered))
+
+        return at
+
+    def _in_rows(
+        self, count: int, found: list[tuple[Indices, Array, Array]]
+    ) -> tuple[Array, Array]:
+        owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
+        with np.errstate(divide="ignore"):
+            return in_rows(count, owner, self._x(on), np.log(weight))
+
+    def _x(self, scattered: Array) -> Array:
+        """All parameters (R, n) at values (R, s) of those of the grid."""
+        x = np.tile(self.x, (len(scattered), 1))
         x[:, [*self.scattered]] = scattered
-        return self.response.at(self.condition[rows], x)
+        return x
 
     @property
     def _points(self) -> Array:
         """All points (P, n) of the grid."""
         corners = np.meshgrid(*self.sides, indexing="ij")
-        points = np.tile(self.x, (corners[0].size, 1))
-        points[:, [*self.scattered]] = np.stack([part.ravel() for part in corners], axis=1)
-        return points
+        return self._x(np.stack([part.ravel() for part in corners], axis=1))
 
-    def _simulated(self, points: Array) -> Iterator[tuple[Indices, Indices, Array]]:
-        """Blocks of experiments (B,), their conditions (B,), and the outcomes (C, P) of these.
+    def _simulated(self, condition: Indices) -> Iterator[tuple[Indices, Indices, Array]]:
+        """Blocks of the rows with these conditions: rows (B,), conditions (B,), outcomes (C, P).
 
-        A block has C conditions, as many as fit into memory.
+        A block has C conditions, as many as fit into memory, and numbers them from zero.
         """
-        count = int(self.condition.max()) + 1
+        count, points = int(self.condition.max()) + 1, self._points
         block, known = max(1, self.settings.block // len(points)), self.values.of(self.sides)
         made = list[Array]()
         for first in range(0, count, block):
@@ -162,9 +192,9 @@ class Grid:
             eta = self.response.take(own).evaluate(points) if known is None else known[own]
             if known is None and count * len(points) <= self.settings.kept:
                 made.append(eta)
-            rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
-            for part in np.array_split(rows, max(1, -(-rows.size // block))):
-                yield part, self.condition[part] - first, eta
+            rows = np.flatnonzero((first <= condition) & (condition < first + block))
+            for part in np.array_split(rows, -(-rows.size // block)) if rows.size else ():
+                yield part, condition[part] - first, eta
         if made:
             self.values.keep(self.sides, np.concatenate(made))
 

@@ -5,10 +5,11 @@ Level sets on a grid serve for all laws that the grid resolves; sets on lines ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from aleator.laws.images import image_at
 from aleator.laws.inputs import Inputs
 from aleator.laws.mixture import Mixture
 from aleator.likelihood.individual.parameters import distance, moving, scattered_density
-from aleator.likelihood.level_sets import curves, lines
+from aleator.likelihood.level_sets import band_lines, curves, lines
+from aleator.likelihood.level_sets.bands import Points
 from aleator.likelihood.level_sets.curves import CURVES, CurveSettings
 from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
 from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings
-from aleator.likelihood.level_sets.sets import LevelSets
+from aleator.likelihood.level_sets.sets import JoinedSets, LevelSets, Sets, filled
 from aleator.search.interface import LogLikelihood
 from aleator.simulators.response_functions import Divisible
 
@@ -46,13 +48,14 @@ class LevelSettings:
     error of the result. `reach`: the largest standard normal variate of the grid of a law, whose
     points are evenly spaced in this variate. `marks`: standard normal variates between which a grid
     must have enough cells to be used for a law. `widths`: a law that fills a region has this number
-    of standard deviations in the region's width. `grids` and `laws`: the numbers of grids, and of
-    laws with their sets on lines, that are stored. `step`: the step for differences of the
-    log-likelihood, relative to the range of a hyperparameter. `looks`: the number of points per
-    side at which outcomes are simulated before a grid is made. `uneven`: the largest factor by
-    which a grid may have more cells along one side and fewer along the other. `slim`: the smallest
-    number of cells along a side. `grid`, `crossings` and `curves`: the settings of grids, of lines,
-    and of several outcomes.
+    of standard deviations in the region's width. `grids` and `laws`: the largest numbers of grids,
+    and of laws with their sets on lines, that are stored. `points`: the number of points of all
+    sets above which fewer are stored; 20 million are half a gigabyte for two parameters. `step`:
+    the step for differences of the log-likelihood, relative to the range of a hyperparameter.
+    `looks`: the number of points per side at which outcomes are simulated before a grid is made.
+    `uneven`: the largest factor by which a grid may have more cells along one side and fewer along
+    the other. `slim`: the smallest number of cells along a side. `grid`, `crossings` and `curves`:
+    the settings of grids, of lines, and of several outcomes.
     """
 
     cells: tuple[int, int] = (16384, 96)
@@ -68,6 +71,7 @@ class LevelSettings:
     widths: float = 6.0
     grids: int = 64
     laws: int = 8
+    points: int = 20_000_000
     step: float = 1e-4
     looks: int = 9
     uneven: float = 4.0
@@ -78,6 +82,7 @@ class LevelSettings:
 
 
 LEVELS = LevelSettings()
+Key = TypeVar("Key")
 BY_LEVEL_SETS = "level sets"
 """The name of a likelihood by level sets in a result."""
 
@@ -128,7 +133,9 @@ def cells_of(
 class LevelLikelihood:
     """The log-likelihood of outcomes y (N, m) as a function of alpha (K,); see `LevelSets`.
 
-    Each experiment has m outcomes. With one outcome, the first grid covers the whole `region`
+    Each experiment has m outcomes. One outcome may be censored: `bounds` (2, N) are then the lower
+    and the upper bound of each experiment's outcome, equal where it is exact; None if all are
+    exact. With one outcome, the first grid covers the whole `region`
     (n, 2) evenly. For a law that is too narrow for it, a new grid is made of quantiles of the law.
     An outcome without a level set on that grid keeps the set on the first grid. With several
     outcomes, the sets of a law also serve for laws near it. Only sets are stored between calls;
@@ -147,14 +154,16 @@ class LevelLikelihood:
         cells: int,
         values: Values | None = None,
         settings: LevelSettings = LEVELS,
+        bounds: Array | None = None,
     ) -> None:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
+        self.bounds = bounds
         self.each = 1 if outcomes.ndim == 1 else outcomes.shape[1]
         self.settings = settings
         self._values = values or Values(settings.grid)
-        self._known: list[tuple[Grid, LevelSets]] = []
-        self._last: list[tuple[Array, LevelSets]] = []
+        self._known: list[tuple[Grid, Sets]] = []
+        self._last: list[tuple[Array, Sets]] = []
 
     @property
     def name(self) -> str:
@@ -196,11 +205,11 @@ class LevelLikelihood:
         """The log-likelihood at alpha (K,) without its score."""
         return self.sets(alpha).evaluate(alpha)
 
-    def sets(self, alpha: Array) -> LevelSets:
+    def sets(self, alpha: Array) -> Sets:
         """The level sets from which the likelihood of the law alpha (K,) is computed."""
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
-    def _of_grid(self, alpha: Array) -> LevelSets:
+    def _of_grid(self, alpha: Array) -> Sets:
         settings, classes = self.settings, separated(self.inputs, alpha)
         marks = [_quantiles(*one[:2], np.array(settings.marks)) for one in classes]
 
@@ -215,13 +224,13 @@ class LevelLikelihood:
         theta = np.linspace(-settings.reach, settings.reach, self.cells + 1)
         sides = np.concatenate([_quantiles(*one[:2], theta) for one in classes], axis=1)
         grid = self._grid(np.sort(sides, axis=1))
-        sets = self._traced(grid)
+        sets = self._traced(grid, len(classes))
         if sets.empty.any():
-            sets = sets.filled(self._everywhere)
-        self._known = [*self._known[1 - settings.grids :], (grid, sets)]
+            sets = filled(sets, self._everywhere)
+        self._known = _stored([*self._known, (grid, sets)], settings.grids, settings.points)
         return sets
 
-    def _of_lines(self, alpha: Array) -> LevelSets:
+    def _of_lines(self, alpha: Array) -> Sets:
         """The level sets that are found for this law; stored for the last laws.
 
         Those of several outcomes also serve for laws near it.
@@ -234,25 +243,49 @@ class LevelLikelihood:
                 return sets
         sets = self._laid(alpha)
         if sets.empty.any():
-            sets = sets.filled(self._everywhere)
-        self._last = [*self._last[1 - self.settings.laws :], (alpha.copy(), sets)]
+            sets = filled(sets, self._everywhere)
+        last = [*self._last, (alpha.copy(), sets)]
+        self._last = _stored(last, settings.laws, settings.points)
         return sets
 
-    def _laid(self, alpha: Array) -> LevelSets:
-        """The level sets of this law, which are those of all its classes together."""
-        parts, seen = [], (self.response, self.condition, self.outcomes, self.cells)
+    def _laid(self, alpha: Array) -> Sets:
+        """The sets of this law, which are those of all its classes together."""
+        cells, settings = self.cells, self.settings
+
+        def traced(rows: Indices | slice) -> LevelSets:
+            seen = self.response, self.condition[rows], self.outcomes[rows], cells
+
+            def of_law(inputs: Inputs, own: Array) -> Points:
+                if self.each > 1:
+                    return curves.traced(inputs, own, *seen, settings.curves)
+                return lines.traced(inputs, own, *seen, settings.crossings)
+
+            return self._of_classes(alpha, len(seen[2]), of_law)
+
+        def enclosed(ends: Array, condition: Indices) -> LevelSets:
+            seen = self.response, condition, ends, cells, settings.crossings
+
+            def of_law(inputs: Inputs, own: Array) -> Points:
+                return band_lines.enclosed(inputs, own, *seen)
+
+            return self._of_classes(alpha, condition.size, of_law)
+
+        return traced(np.s_[:]) if self.bounds is None else self._joined(traced, enclosed)
+
+    def _of_classes(
+        self, alpha: Array, count: int, of_law: Callable[[Inputs, Array], Points]
+    ) -> LevelSets:
+        """The sets of `count` experiments or bands, from the points `of_law` of each class."""
+        parts = []
         for inputs, own, log_share in separated(self.inputs, alpha):
-            if self.each > 1:
-                owner, x, log_weight = curves.traced(inputs, own, *seen, self.settings.curves)
-            else:
-                owner, x, log_weight = lines.traced(inputs, own, *seen, self.settings.crossings)
+            owner, x, log_weight = of_law(inputs, own)
             if inputs is not self.inputs:
                 # Each point counts for the share of its class in the density there.
                 log_weight += log_share + scattered_density(inputs, own, x)
                 log_weight -= scattered_density(self.inputs, alpha, x)
             parts.append((owner, x, log_weight))
-        found = [np.concatenate(part) for part in zip(*parts, strict=True)]
-        return LevelSets(self.inputs, *in_rows(len(self.outcomes), *found))
+        every = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        return LevelSets(self.inputs, *in_rows(count, *every))
 
     def values(self, alphas: Array) -> Array:
         """The total log-likelihoods (A,) at alphas (A, K)."""
@@ -265,11 +298,12 @@ class LevelLikelihood:
         return LevelLikelihood(
             self.inputs, self.response.take(own), self.region, place.reshape(condition.shape),
             self.outcomes[rows], self.cells, settings=self.settings,
+            bounds=None if self.bounds is None else self.bounds[:, rows],
         )  # fmt: skip
 
-    def with_outcomes(self, outcomes: Array) -> LevelLikelihood:
-        """The likelihood of the same experiments with other outcomes (N m,)."""
-        return self._with(outcomes.reshape(self.outcomes.shape), self.cells)
+    def with_outcomes(self, outcomes: Array, bounds: Array | None = None) -> LevelLikelihood:
+        """The likelihood of the same experiments with other outcomes (N m,) and bounds (2, N)."""
+        return self._with(outcomes.reshape(self.outcomes.shape), self.cells, bounds)
 
     def first(self, outcomes: int) -> LevelLikelihood:
         """The likelihood of the first `outcomes` of each experiment, on grids for a search."""
@@ -292,6 +326,7 @@ class LevelLikelihood:
         found = [first]
         for k in range(1, self.each):
             sets = self.first(k).sets(alpha)
+            assert isinstance(sets, LevelSets)
             share = sets.shares(alpha)
             rows, point = np.nonzero(share)
             value = np.full(share.shape, np.nan)
@@ -305,18 +340,18 @@ class LevelLikelihood:
         Half as many cells serve for a search and for simulated experiments. Other numbers show how
         much the number of cells changes the result.
         """
-        return self._with(self.outcomes, max(self._answers // times, 1))
+        return self._with(self.outcomes, max(self._answers // times, 1), self.bounds)
 
     def coarsest(self) -> LevelLikelihood:
         """This likelihood on the coarsest acceptable grids, for the analysis of many data sets."""
         few = searched(self.inputs, int(self.condition.max()) + 1, self.each, self.settings)
         if self._on_a_grid:
             few = min(few, self.settings.fewest_cells[self.inputs.scattering - 1])
-        return self._with(self.outcomes, few)
+        return self._with(self.outcomes, few, self.bounds)
 
     def fine(self) -> LevelLikelihood:
         """This likelihood on the fine grids that are used for reported results."""
-        return self._with(self.outcomes, self._answers)
+        return self._with(self.outcomes, self._answers, self.bounds)
 
     @property
     def unreached(self) -> Flags:
@@ -324,7 +359,7 @@ class LevelLikelihood:
         return self._everywhere.empty
 
     @cached_property
-    def _everywhere(self) -> LevelSets:
+    def _everywhere(self) -> Sets:
         """The level sets on the first grid, or on lines that cover the whole region."""
         if self._on_a_grid:
             return self._traced(self._whole)
@@ -344,11 +379,11 @@ class LevelLikelihood:
     def _answers(self) -> int:
         return cells_of(self.inputs, int(self.condition.max()) + 1, self.each, self.settings)
 
-    def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
+    def _with(self, outcomes: Array, cells: int, bounds: Array | None) -> LevelLikelihood:
         """This likelihood with other outcomes and cells, which shares the stored responses."""
         return LevelLikelihood(
             self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values,
-            self.settings,
+            self.settings, bounds,
         )  # fmt: skip
 
     def _grid(self, sides: Array) -> Grid:
@@ -370,8 +405,49 @@ class LevelLikelihood:
             self._values, self.settings.grid,
         )  # fmt: skip
 
-    def _traced(self, grid: Grid) -> LevelSets:
-        return LevelSets(self.inputs, *grid.traced(self.outcomes))
+    def _traced(self, grid: Grid, classes: int = 1) -> Sets:
+        """The sets on a grid, whose cells the `classes` of a mixture share."""
+        if self.bounds is None:
+            return LevelSets(self.inputs, *grid.traced(self.outcomes, self.condition))
+        whole = grid.settings.bands.pieces * classes
+        # Across its ridge the law of correlated parameters is narrower than along each of them.
+        pieces = max(side.size for side in grid.sides) if self.inputs.correlated else whole
+
+        def traced(rows: Indices) -> LevelSets:
+            found = grid.traced(self.outcomes[rows], self.condition[rows])
+            return LevelSets(self.inputs, *found)
+
+        def enclosed(ends: Array, condition: Indices) -> LevelSets:
+            return LevelSets(self.inputs, *grid.enclosed(ends, condition, pieces))
+
+        return self._joined(traced, enclosed)
+
+    def _joined(
+        self,
+        traced: Callable[[Indices], LevelSets],
+        enclosed: Callable[[Array, Indices], LevelSets],
+    ) -> JoinedSets:
+        """The sets of exact outcomes, by their rows, and the bands of all distinct bounds."""
+        assert self.bounds is not None
+        exact = self.bounds[0] == self.bounds[1]
+        parts, place = list[LevelSets](), np.empty(exact.size, dtype=np.intp)
+        if exact.any():
+            parts.append(traced(np.flatnonzero(exact)))
+            place[exact] = np.arange(np.count_nonzero(exact))
+        if not exact.all():
+            each = np.vstack([self.condition[~exact], self.bounds[:, ~exact]])
+            bands, own = np.unique(each, axis=1, return_inverse=True)
+            parts.append(enclosed(bands[1:], bands[0].astype(np.intp)))
+            place[~exact] = np.count_nonzero(exact) + own.ravel()
+        return JoinedSets(self.inputs, tuple(parts), place)
+
+
+def _stored(known: list[tuple[Key, Sets]], most: int, points: int) -> list[tuple[Key, Sets]]:
+    """The last of the known sets: at most `most`, with at most so many points, but at least one."""
+    known = known[-most:]
+    while len(known) > 1 and sum(sets.size for _, sets in known) > points:
+        known = known[1:]
+    return known
 
 
 def _below(y: Array, value: Array, share: Array) -> Array:

@@ -94,13 +94,13 @@ def traced(
     f_l(y_l | beta) = sum_h w_h p(x_h | beta) for any beta near alpha. Cost: the outcomes of each
     experiment at 25 points of every line.
     """
-    law = _scores(settings.points, inputs.scattering, 0)
+    law = sobol_scores(settings.points, inputs.scattering, 0)
     x = parameters_at(inputs, alpha, law[None], slice(0, 1), often=True)[0][0]
     found = []
     for rows in blocks(y.size, lines * (settings.steps + 1), settings.block):
         own, where = np.unique(condition[rows], return_inverse=True)
         eta = response.take(own).evaluate(x)[where]
-        block = _LineBlock(inputs, alpha, response, condition[rows], y[rows], settings)
+        block = LineBlock(inputs, alpha, response, condition[rows], y[rows], settings)
         some = block.crossed(block.laid(law, eta), lines)
         found.append((some[0] + rows.start, *some[1:]))
     owner, on, log_weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -108,7 +108,7 @@ def traced(
 
 
 @dataclass(frozen=True, eq=False)
-class _LineBlock:
+class LineBlock:
     """A block of B experiments whose lines are evaluated together."""
 
     inputs: Inputs
@@ -128,7 +128,8 @@ class _LineBlock:
         """
         away = np.nan_to_num(np.abs(eta - self.y[:, None]), nan=np.inf)
         near = np.argpartition(away, self.settings.nearest, axis=1)[:, : self.settings.nearest]
-        xi, value = law[near], np.nan_to_num(np.take_along_axis(eta, near, axis=1))
+        xi, value = law[near], np.take_along_axis(eta, near, axis=1)
+        value = np.where(np.isfinite(value), value, 0.0)
         middle = xi.mean(axis=1)
         off = xi - middle[:, None]
         square = np.einsum("bmi,bmj->bij", off, off)
@@ -154,37 +155,28 @@ class _LineBlock:
         dimensions = centre.shape[1]
         if not dimensions:
             found = self._roots(basis, centre[:, None])
-            return self._weighted(found.owner, found.xi, found.log_alone)
+            return self.weighted(found.owner, found.xi, found.log_alone)
         settings, wide = self.settings, self.settings.wider
         first_lines = dimensions * (dimensions + 3) + settings.spare
-        u = centre[:, None] + wide * _scores(first_lines, dimensions)
+        u = centre[:, None] + wide * sobol_scores(first_lines, dimensions)
         first = self._roots(basis, u)
-        mean, factor = _fitted(u, first.of_lines(u, first.log_alone), settings)
-        log_q = _gaussian(u, centre, np.eye(dimensions), wide) + np.log(u.shape[1])
+        mean, factor = fitted(u, of_lines(u, first.owner, first.line, first.log_alone), settings)
+        log_q = gaussian(u, centre, np.eye(dimensions), wide) + np.log(u.shape[1])
         middle, square, left = first.moments(log_q, len(self.y))
         parts = []
         plain = np.flatnonzero(left < settings.touching)
         if plain.size:
-            z, log_weight = _nodes(lines, dimensions, settings.nodes)
-            own = mean[plain][:, None] + np.einsum("bij,lj->bli", factor[plain], z)
-            log_q = _gaussian(own, mean[plain], factor[plain]) - log_weight
+            own, log_q = by_gauss(lines, mean[plain], factor[plain], settings)
             found = self._of(plain)._roots(basis[plain], own)
             parts.append((plain, found.weighed(log_q, found.log_alone)))
         bent = np.flatnonzero(~(left < settings.touching))
         if bent.size:
-            block, many = self._of(bent), lines * settings.bent
-            own, score = basis[bent], _scores(many, dimensions)
-            of_law = np.arange(many) % settings.of_law == settings.of_law - 1
-            at = mean[bent][:, None] + wide * np.einsum("bij,lj->bli", factor[bent], score)
-            at = np.where(of_law[:, None], centre[bent][:, None] + wide * score, at)
-            share = float(of_law.mean())
-            log_q = np.log(many) + np.logaddexp(
-                np.log1p(-share) + _gaussian(at, mean[bent], factor[bent], wide),
-                np.log(share) + _gaussian(at, centre[bent], np.eye(dimensions), wide),
-            )
+            block, many, own = self._of(bent), lines * settings.bent, basis[bent]
+            at, log_q = by_sobol(many, mean[bent], factor[bent], centre[bent], settings)
             found = block._roots(own, at)
             parts.append((bent, found.weighed(log_q, found.log_value)))
             middle, square, _ = found.moments(log_q, bent.size)
+            score = sobol_scores(many, dimensions)
             for turned in range(1, basis.shape[1]):
                 turn = own[:, :, np.roll(np.arange(basis.shape[1]), -turned)]
                 about = np.einsum("bi,bik->bk", middle, turn[:, :, 1:])
@@ -192,13 +184,13 @@ class _LineBlock:
                 wider = np.linalg.cholesky(spread + settings.thick**2 * np.eye(dimensions))
                 at = about[:, None] + wide * np.einsum("bij,lj->bli", wider, score)
                 found = block._roots(turn, at)
-                log_q = _gaussian(at, about, wider, wide) + np.log(many)
+                log_q = gaussian(at, about, wider, wide) + np.log(many)
                 parts.append((bent, found.weighed(log_q, found.log_value)))
         owner = np.concatenate([rows[part[0]] for rows, part in parts])
         xi, log_weight = (np.concatenate([part[i] for _, part in parts]) for i in (1, 2))
-        return self._weighted(owner, xi, log_weight)
+        return self.weighted(owner, xi, log_weight)
 
-    def _weighted(
+    def weighted(
         self, owner: Indices, xi: Array, log_weight: Array
     ) -> tuple[Indices, Array, Array]:
         """The crossings as parameters x (H, n), with log weights for the density of the outcome.
@@ -208,8 +200,24 @@ class _LineBlock:
         x = self._x(xi)
         return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
 
-    def _of(self, rows: Indices) -> _LineBlock:
+    def _of(self, rows: Indices) -> LineBlock:
         return replace(self, condition=self.condition[rows], y=self.y[rows])
+
+    def stepped(self, basis: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+        """The outcomes (B, J, T) at all steps of lines, which are described in `_roots`.
+
+        Also returns the steps (T,), the points (B, J, s) of the lines at step 0, and their
+        directions (B, s).
+        """
+        settings = self.settings
+        steps = settings.steps if basis.shape[1] > 1 else settings.alone
+        t = np.linspace(-settings.reach, settings.reach, steps + 1)
+        direction = basis[:, :, 0]
+        start = np.einsum("bik,bjk->bji", basis[:, :, 1:], u)
+        xi = start[:, :, None] + t[:, None] * direction[:, None, None]
+        owner = np.repeat(np.arange(len(u)), u.shape[1] * t.size)
+        eta = self.eta(owner, xi.reshape(-1, xi.shape[-1])).reshape(xi.shape[:3])
+        return t, start, direction, eta
 
     def _roots(self, basis: Array, u: Array) -> _Crossed:
         """The crossings of lines with the level sets.
@@ -218,19 +226,13 @@ class _LineBlock:
         u (B, J, s - 1) are coordinates in the other columns.
         """
         settings = self.settings
-        steps = settings.steps if basis.shape[1] > 1 else settings.alone
-        t = np.linspace(-settings.reach, settings.reach, steps + 1)
-        direction = basis[:, :, 0]
-        start = np.einsum("bik,bjk->bji", basis[:, :, 1:], u)
-        xi = start[:, :, None] + t[:, None] * direction[:, None, None]
-        count, lines = u.shape[:2]
-        owner = np.repeat(np.arange(count), lines * t.size)
-        off = (self._eta(owner, xi.reshape(-1, xi.shape[-1])) - self.y[owner]).reshape(xi.shape[:3])
+        t, start, direction, eta = self.stepped(basis, u)
+        off = eta - self.y[:, None, None]
         of, line, low, high, f_low, f_high = self._brackets(off, t, start, direction)
         first, along = start[of, line], direction[of]
         for _ in range(settings.halvings):
             middle = _between(low, high, f_low, f_high)
-            value = self._eta(of, first + middle[:, None] * along) - self.y[of]
+            value = self.eta(of, first + middle[:, None] * along) - self.y[of]
             right = (value > 0.0) == (f_high > 0.0)
             # Illinois rule: the value at the end of the bracket that is kept is halved.
             f_low = np.where(right, 0.5 * f_low, value)
@@ -238,7 +240,7 @@ class _LineBlock:
             low, high = np.where(right, low, middle), np.where(right, middle, high)
         root, by = _between(low, high, f_low, f_high), settings.difference
         down, here, up = (
-            self._eta(of, first + (root + k * by)[:, None] * along) - self.y[of] for k in (-1, 0, 1)
+            self.eta(of, first + (root + k * by)[:, None] * along) - self.y[of] for k in (-1, 0, 1)
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             slope, bend = (up - down) / (2.0 * by), (up - 2.0 * here + down) / by**2
@@ -249,7 +251,7 @@ class _LineBlock:
         xi = first + root[:, None] * along
         others = []
         for axis in np.moveaxis(basis[of][:, :, 1:], 2, 0):
-            ends = (self._eta(of, xi + sign * by * axis) for sign in (1.0, -1.0))
+            ends = (self.eta(of, xi + sign * by * axis) for sign in (1.0, -1.0))
             others.append((next(ends) - next(ends)) / (2.0 * by))
         with np.errstate(divide="ignore", invalid="ignore"):
             log_others = np.log(np.abs(np.reshape(others, (len(others), of.size)).T))
@@ -271,20 +273,10 @@ class _LineBlock:
         changes = _changes(off)
         of, line, step = np.nonzero(changes)
         ends = t[step], t[step + 1], off[of, line, step], off[of, line, step + 1]
-        with np.errstate(invalid="ignore"):
-            bend = np.abs(np.diff(off, 2, axis=2))
-            here = np.abs(off[..., 1:-1])
-            turned = (here < 0.5 * bend) & ~changes[..., 1:] & ~changes[..., :-1]
-            turned &= (here <= np.abs(off[..., 2:])) & (here < np.abs(off[..., :-2]))
-        whose, which, middle = np.nonzero(turned)
+        whose, which, fine, closer = self.closer(off, t, start, direction)
         if not whose.size:
             return of, line, *ends
-        share = np.linspace(0.0, 1.0, self.settings.closer + 1)
-        fine = t[middle][:, None] + share * (t[middle + 2] - t[middle])[:, None]
-        xi = start[whose, which][:, None] + fine[..., None] * direction[whose][:, None]
-        owner = np.repeat(whose, share.size)
-        closer = self._eta(owner, xi.reshape(owner.size, -1)) - self.y[owner]
-        closer = closer.reshape(fine.shape)
+        closer = closer - self.y[whose][:, None]
         row, step = np.nonzero(_changes(closer))
         hidden = (fine[row, step], fine[row, step + 1], closer[row, step], closer[row, step + 1])
         both = [np.concatenate(pair) for pair in zip(ends, hidden, strict=True)]
@@ -293,13 +285,79 @@ class _LineBlock:
             both[0], both[1], both[2], both[3],
         )  # fmt: skip
 
+    def closer(
+        self, off: Array, t: Array, start: Array, direction: Array
+    ) -> tuple[Indices, Indices, Array, Array]:
+        """Finer steps where lines may cross a level set twice in one step, near an extreme.
+
+        `off` (B, J, T) are the differences of the outcomes from those of the sets. Returns the
+        experiments (R,) and lines (R,), the finer steps (R, C) and the outcomes (R, C) there.
+        """
+        changes = _changes(off)
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(np.diff(off, 2, axis=2))
+            here = np.abs(off[..., 1:-1])
+            turned = (here < 0.5 * bend) & ~changes[..., 1:] & ~changes[..., :-1]
+            turned &= (here <= np.abs(off[..., 2:])) & (here < np.abs(off[..., :-2]))
+        whose, which, middle = np.nonzero(turned)
+        share = np.linspace(0.0, 1.0, self.settings.closer + 1)
+        fine = t[middle][:, None] + share * (t[middle + 2] - t[middle])[:, None]
+        if not whose.size:
+            return whose, which, fine, fine
+        xi = start[whose, which][:, None] + fine[..., None] * direction[whose][:, None]
+        owner = np.repeat(whose, share.size)
+        return whose, which, fine, self.eta(owner, xi.reshape(owner.size, -1)).reshape(fine.shape)
+
     def _x(self, xi: Array) -> Array:
         return np.asarray(
             parameters_at(self.inputs, self.alpha, xi[None], slice(0, 1), often=True)[0][0]
         )
 
-    def _eta(self, owner: Indices, xi: Array) -> Array:
+    def eta(self, owner: Indices, xi: Array) -> Array:
+        """The outcomes (R,) of the experiments `owner` (R,) at variates xi (R, s)."""
         return self.response.at(self.condition[owner], self._x(xi))
+
+
+def by_gauss(lines: int, mean: Array, factor: Array, settings: Crossings) -> tuple[Array, Array]:
+    """Positions (B, J, d) of about `lines` lines by a Gauss rule, and their log densities (B, J).
+
+    The rule is that of normal laws with means (B, d) and Cholesky factors (B, d, d). The densities
+    are those of the positions, times their number.
+    """
+    z, log_weight = gauss_nodes(lines, mean.shape[1], settings.nodes)
+    u = mean[:, None] + np.einsum("bij,lj->bli", factor, z)
+    return u, gaussian(u, mean, factor) - log_weight
+
+
+def by_sobol(
+    many: int, mean: Array, factor: Array, centre: Array, settings: Crossings
+) -> tuple[Array, Array]:
+    """Positions (B, J, d) of `many` lines by a Sobol' sequence, and their log densities (B, J).
+
+    Most are spread by normal laws with means (B, d) and Cholesky factors (B, d, d), the others by
+    the law itself about a centre (B, d).
+    """
+    wide, score = settings.wider, sobol_scores(many, mean.shape[1])
+    of_law = np.arange(many) % settings.of_law == settings.of_law - 1
+    at = mean[:, None] + wide * np.einsum("bij,lj->bli", factor, score)
+    at = np.where(of_law[:, None], centre[:, None] + wide * score, at)
+    share = float(of_law.mean())
+    log_q = np.log(many) + np.logaddexp(
+        np.log1p(-share) + gaussian(at, mean, factor, wide),
+        np.log(share) + gaussian(at, centre, np.eye(mean.shape[1]), wide),
+    )
+    return at, log_q
+
+
+def of_lines(u: Array, owner: Indices, line: Indices, log_value: Array) -> Array:
+    """The logarithms (B, J) of sums over the points of each line, at positions u (B, J, d).
+
+    `log_value` (H,) are the logarithms of the values that are summed, of experiments `owner` (H,)
+    and lines `line` (H,).
+    """
+    found = np.full(u.shape[:2], -np.inf)
+    np.logaddexp.at(found, (owner, line), log_value)
+    return found
 
 
 def _changes(off: Array) -> Flags:
@@ -328,7 +386,7 @@ def _reflected(direction: Array) -> Array:
     return np.asarray(-sign[:, None, None] * matrix)
 
 
-def _nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array, Array]:
+def gauss_nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array, Array]:
     """About `count` nodes (J, d) of the standard normal law, and their log weights (J,).
 
     Up to three dimensions they are those of a product of Gauss-Hermite rules. In more dimensions
@@ -341,14 +399,14 @@ def _nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array,
         grid = np.meshgrid(*[t] * dimensions, indexing="ij")
         weights = np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")
         return np.stack([g.ravel() for g in grid], axis=1), np.sum(weights, axis=0).ravel()
-    half = _scores(max(count // 2, 4 * dimensions), dimensions)
+    half = sobol_scores(max(count // 2, 4 * dimensions), dimensions)
     z = np.concatenate([half, -half])
     z = z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / len(z))).T
     return z, np.full(len(z), -np.log(len(z)))
 
 
 @lru_cache
-def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
+def sobol_scores(count: int, dimensions: int, seed: int = 1) -> Array:
     """Normal scores (count, dimensions) of a Sobol' sequence, scrambled with a fixed seed."""
     u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
     least = RULES.least_probability
@@ -390,21 +448,12 @@ class _Crossed:
     @property
     def log_alone(self) -> Array:
         """The logarithm (H,) of phi/|g_1|, for lines in this direction alone."""
-        return _normal(self.xi) - self.log_slope
+        return normal(self.xi) - self.log_slope
 
     @property
     def log_value(self) -> Array:
         """The logarithm (H,) of phi/|g_1| times the weight of this direction (`log_part`)."""
         return self.log_alone + self.log_part
-
-    def of_lines(self, u: Array, log_value: Array) -> Array:
-        """The logarithms (B, J) of sums over the crossings of each line.
-
-        `log_value` (H,) are the logarithms of the values that are summed.
-        """
-        found = np.full(u.shape[:2], -np.inf)
-        np.logaddexp.at(found, (self.owner, self.line), log_value)
-        return found
 
     def weighed(self, log_q: Array, log_value: Array) -> tuple[Indices, Array, Array]:
         """The experiments (H,), variates (H, s) and log weights (H,) of the crossings.
@@ -436,7 +485,7 @@ class _Crossed:
         return mean, square, left
 
 
-def _gaussian(u: Array, mean: Array, factor: Array, wide: float = 1.0) -> Array:
+def gaussian(u: Array, mean: Array, factor: Array, wide: float = 1.0) -> Array:
     """The log-density (B, J) at u (B, J, d) of normal laws with these means and Cholesky factors.
 
     `wide` multiplies the factors.
@@ -444,15 +493,15 @@ def _gaussian(u: Array, mean: Array, factor: Array, wide: float = 1.0) -> Array:
     factor = np.broadcast_to(factor, (len(u), *factor.shape[-2:]))
     own = np.linalg.solve(wide * factor, (u - mean[:, None]).transpose(0, 2, 1)).astype(np.float64)
     volume = np.log(np.diagonal(wide * factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
-    return np.asarray(_normal(own.transpose(0, 2, 1)) - volume)
+    return np.asarray(normal(own.transpose(0, 2, 1)) - volume)
 
 
-def _normal(u: Array) -> Array:
+def normal(u: Array) -> Array:
     """The standard normal log-density (...) at u (..., d)."""
     return np.asarray(-0.5 * np.sum(u**2, axis=-1) - 0.5 * u.shape[-1] * np.log(2.0 * np.pi))
 
 
-def _fitted(u: Array, value: Array, settings: Crossings) -> tuple[Array, Array]:
+def fitted(u: Array, value: Array, settings: Crossings) -> tuple[Array, Array]:
     """Normal laws fitted to log values (B, J) at u (B, J, d): means (B, d), Cholesky (B, d, d).
 
     A quadratic function is fitted to the log values by least squares, in which the largest values

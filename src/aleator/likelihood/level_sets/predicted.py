@@ -48,7 +48,8 @@ class PredictedOutcomes:
     normal law, so that moments are exact to many digits. For more variates they are points of a
     Sobol' sequence, half of them spread wider than the law. The distribution function is linear
     between neighboring values; beyond the outermost values it is half of the tail probability
-    there. A value that is not finite is left out.
+    there. A value that is NaN is left out. An infinite one counts in distribution functions and
+    quantiles only.
 
     >>> values = np.array([[0.0, 1.0, 2.0]])
     >>> found = PredictedOutcomes(values, np.full(3, 1 / 3), np.array([0]))
@@ -130,10 +131,13 @@ class PredictedOutcomes:
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         """The values (U, P) in rising order, and the probability up to the middle of each."""
-        values = np.where(self._finite, self.values, self._mean[:, None])
+        failed = np.isnan(self.values)
+        values = np.where(failed, self._mean[:, None], self.values)
         order = np.argsort(values, axis=1)
         value = np.take_along_axis(values, order, axis=1)
-        share = np.take_along_axis(self._share, order, axis=1)
+        share = np.take_along_axis(np.where(failed, 0.0, self.weights), order, axis=1)
+        with np.errstate(invalid="ignore"):
+            share = share / share.sum(axis=1, keepdims=True)
         return value, np.cumsum(share, axis=1) - 0.5 * share
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,18 +40,37 @@ class LevelSets:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-densities (N,) with scores (N, K); DEGENERATE_VALUE where the density is zero."""
-        found = [self.take(rows)._scored(alpha) for rows in self._blocks]
-        total, scores = (np.concatenate(part) for part in zip(*found, strict=True))
-        return self._found(alpha, total, scores)
+        return log_likelihood(self.inputs, alpha, *self.scored(alpha))
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-densities (N,) without scores; DEGENERATE_VALUE where the density is zero."""
-        found = [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
-        return self._found(alpha, np.concatenate(found), None)
+        return log_likelihood(self.inputs, alpha, self.totals(alpha), None)
+
+    def scored(self, alpha: Array) -> tuple[Array, Array]:
+        """The logarithms (N,) of the sums over the points, with scores (N, K)."""
+        found = [self.take(rows)._scored(alpha) for rows in self._blocks]
+        total, scores = (np.concatenate(part) for part in zip(*found, strict=True))
+        return total, scores
+
+    def totals(self, alpha: Array) -> Array:
+        """The logarithms (N,) of the sums over the points."""
+        return np.concatenate(
+            [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
+        )  # fmt: skip
 
     def shares(self, alpha: Array) -> Array:
         """The probability (N, K) of each point under the law alpha (K,), given the outcomes."""
         return mean_of(self._terms(alpha))[1]
+
+    def points(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
+        """Blocks of experiments (B,), with points (B, K, n) and the shares (B, K) of these."""
+        for rows in self._blocks:
+            part = self.take(rows)
+            yield np.arange(rows.start, rows.stop), part.x, part.shares(alpha)
+
+    def under(self, inputs: Inputs) -> LevelSets:
+        """The same points for other laws of the same parameters."""
+        return replace(self, inputs=inputs)
 
     def take(self, rows: Indices | slice) -> LevelSets:
         """The level sets of the experiments `rows`, with no more points than these need."""
@@ -75,6 +95,11 @@ class LevelSets:
         return np.asarray(np.all(np.isinf(self.log_weight), axis=1))
 
     @property
+    def size(self) -> int:
+        """The number of points, with those of weight zero."""
+        return self.log_weight.size
+
+    @property
     def _blocks(self) -> list[slice]:
         """Blocks of experiments whose points fit into a core's cache."""
         return blocks(len(self.x), self.x.shape[1], self.block)
@@ -93,8 +118,77 @@ class LevelSets:
     def _terms(self, alpha: Array) -> Array:
         return self.log_weight + densities(self.inputs, alpha, self.x)
 
-    def _found(self, alpha: Array, total: Array, scores: Array | None) -> LogLikelihood:
-        none = np.isinf(total)
-        status = np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
-        found = LogLikelihood(np.where(none, DEGENERATE_VALUE, total), scores, status)
-        return found.believed(self.inputs.hyperparameters, alpha)
+
+@dataclass(frozen=True, eq=False)
+class JoinedSets:
+    """The level sets of exact outcomes and the bands of censored ones, as one likelihood.
+
+    The points of a band {x: lower <= eta(x) <= upper} have weights for the probability of the
+    outcome, P(lower <= eta <= upper | alpha) = sum_k w_k p(x_k | alpha). Experiments with the same
+    condition and the same bounds share a band. `place` (N,) is the number of each experiment's row
+    in the rows of all `parts`.
+    """
+
+    inputs: Inputs
+    parts: tuple[LevelSets, ...]
+    place: Indices
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihoods (N,) with scores (N, K); DEGENERATE_VALUE where one is zero."""
+        found = zip(*(part.scored(alpha) for part in self.parts), strict=True)
+        total, scores = (np.concatenate(each)[self.place] for each in found)
+        return log_likelihood(self.inputs, alpha, total, scores)
+
+    def evaluate(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihoods (N,) without scores; DEGENERATE_VALUE where one is zero."""
+        total = np.concatenate([part.totals(alpha) for part in self.parts])[self.place]
+        return log_likelihood(self.inputs, alpha, total, None)
+
+    def points(self, alpha: Array) -> Iterator[tuple[Indices, Array, Array]]:
+        """Blocks of experiments (B,), with points (B, K, n) and the shares (B, K) of these."""
+        first = 0
+        for part in self.parts:
+            for own, x, share in part.points(alpha):
+                rows = np.flatnonzero(np.isin(self.place, first + own))
+                for some in blocks(rows.size, share.shape[1], part.block):
+                    at = self.place[rows[some]] - first - own[0]
+                    yield rows[some], x[at], share[at]
+            first += len(part.x)
+
+    def under(self, inputs: Inputs) -> JoinedSets:
+        """The same points for other laws of the same parameters."""
+        return replace(self, inputs=inputs, parts=tuple(part.under(inputs) for part in self.parts))
+
+    @property
+    def empty(self) -> Flags:
+        """Flags (N,) of the experiments without a set: no parameters agree with their outcome."""
+        return np.asarray(np.concatenate([part.empty for part in self.parts])[self.place])
+
+    @property
+    def size(self) -> int:
+        """The number of points, with those of weight zero."""
+        return sum(part.size for part in self.parts)
+
+
+Sets = LevelSets | JoinedSets
+"""The points of all experiments, on which the likelihood is a sum."""
+
+
+def filled(own: Sets, other: Sets) -> Sets:
+    """The sets `own`, with those of `other` for the experiments that have none there."""
+    if isinstance(own, LevelSets):
+        assert isinstance(other, LevelSets)
+        return own.filled(other)
+    assert isinstance(other, JoinedSets)
+    pairs = zip(own.parts, other.parts, strict=True)
+    return replace(own, parts=tuple(one.filled(more) for one, more in pairs))
+
+
+def log_likelihood(
+    inputs: Inputs, alpha: Array, total: Array, scores: Array | None
+) -> LogLikelihood:
+    """The log-likelihoods (N,) at alpha (K,); DEGENERATE_VALUE where `total` (N,) is infinite."""
+    none = np.isinf(total)
+    status = np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
+    found = LogLikelihood(np.where(none, DEGENERATE_VALUE, total), scores, status)
+    return found.believed(inputs.hyperparameters, alpha)
