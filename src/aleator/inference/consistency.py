@@ -501,8 +501,9 @@ def _mended(test: Statistic) -> str:
     formula = test.column if test.where is None else f"C({test.column})"
     if test.of == SCATTER:
         return (
-            f"let the noise differ with {test.column} (a column of standard deviations), or the sd "
-            "of a law follow it: " + _followed("sd", formula)
+            "let a noise that is fixed be identified, or differ with "
+            f"{test.column} (a column of standard deviations), or the sd of a law follow it: "
+            + _followed("sd", formula)
         )
     of = "the mean of a parameter" if test.of == OUTCOMES else test.of
     return (

@@ -123,7 +123,9 @@ def _untold(
         f"{h.name} cannot be told from these data: at its limits {h.lower:.4g} and {h.upper:.4g} "
         f"the largest log-likelihood is only {low:.2f} and {high:.2f} lower, and values are ruled "
         f"out from {DROP:.2f}{beside}",
-        "fix it, or measure several values an experiment" if scatter else REMEDY,
+        "fix it, or measure more values an experiment, under other conditions"
+        if scatter
+        else REMEDY,
         (h.name,),
     )
 

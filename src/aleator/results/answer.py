@@ -419,17 +419,29 @@ def _agreement(document: Document) -> Sentence:
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
 
 
-def _covariate(document: Document, row: Document) -> Sentence:
-    """A hint at a covariate, with its probability alone, among such relations, and among all."""
+def _covariate(document: Document, row: Document, level: float = REPORTED.level) -> Sentence:
+    """A hint at a covariate, with its probability alone, among such relations, and among all.
+
+    Other parameters are named that seem to depend on the same column, by themselves.
+    """
     test, tests = row["test"], document["consistency"]["tests"]
     whole = next(one for one in tests if one | {"corrected": test["corrected"]} == test)
     of = "the outcome" if test["of"] == "outcomes" else test["of"]
+    least = dict[str, float]()
+    for one in tests:
+        if (one["kind"], one["column"]) == (test["kind"], test["column"]) and one["p"] < level:
+            least[one["of"]] = min(one["p"], least.get(one["of"], 1.0))
+    others = [f"{name} (p = {number(p, 2)})" for name, p in least.items() if name != test["of"]]
+    also = f" By itself the same can be said of {listed(others)}." if others else ""
+    remedy = "; then compare both models"
+    if others:
+        remedy = "; do so with each of these parameters in turn, and compare the models"
     return Sentence(
         f"Perhaps {of} depends on {test['column']}: {row['message']} (p = {number(test['p'], 2)} "
         f"by itself, {number(test['corrected'], 2)} among the relations to columns, "
-        f"{number(whole['corrected'], 2)} among all {len(tests)} tests).",
+        f"{number(whole['corrected'], 2)} among all {len(tests)} tests).{also}",
         "open",
-        remedy=f"{row['remedy']}; then compare both models",
+        remedy=f"{row['remedy']}{remedy}",
     )
 
 

@@ -93,7 +93,11 @@ def first_look(document: Document) -> Content:
             Chapter("parameters", "Parameters", parts),
             Chapter("reach", "Out of reach", [*_without_runs(document), _out_of_reach(document)]),
         ],
-        verdicts=[Sentence(_reach(document), "strong"), Sentence(_cost(document), "strong")],
+        verdicts=[
+            *_ranges(document),
+            Sentence(_reach(document), "strong"),
+            Sentence(_cost(document), "strong"),
+        ],
     )
 
 
@@ -158,6 +162,24 @@ def _without_runs(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
     mend = "Correct these rows: an identification leaves them out, or stops."
     text = f"{'; '.join(named)}{more}. {mend}"
     return [Sentence(text, "warning", f"No run works for {count(len(lost), 'experiment')}")]
+
+
+def _ranges(document: Document) -> list[Sentence]:
+    """The range of the simulated values of each response beside that of the measured ones.
+
+    A simulator that stops somewhere, or jumps, shows itself here by a value far from all others.
+    """
+    said = []
+    for response, measured in document["measured"].items():
+        ends = [
+            row["reached"] for row in document["observations"]
+            if row["response"] == response and row["reached"][0] is not None
+        ]  # fmt: skip
+        if ends:
+            low, high = min(low for low, _ in ends), max(high for _, high in ends)
+            made, seen = (f"{number(a)} to {number(b)}" for a, b in ((low, high), measured))
+            said.append(f"{label(document, response)} {made} (measured {seen})")
+    return [Sentence("; ".join(said) + ".", "plain", "Simulated")] if said else []
 
 
 def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
