@@ -28,7 +28,8 @@ class Standing:
 
     `error` is the error of the estimates that an emulator in place of the simulator causes, in
     standard errors; None where it has not been computed, or there is no emulator. `value_error` is
-    that of the log-likelihood, where it is too large; else None.
+    that of the log-likelihood, where it is too large; else None. `most` are the conditions, if some
+    do, that cause more than half of the error.
 
     >>> now = Standing(120, -31.42, {"v.mean": 1.0}, 0.35, (RunsAhead(0.2, 180, 50.0),))
     >>> print(now)
@@ -42,6 +43,7 @@ class Standing:
     error: float | None = None
     ahead: tuple[RunsAhead, ...] = ()
     value_error: float | None = None
+    most: str | None = None
 
     def __str__(self) -> str:
         parts = [f"{self.runs:,} runs", f"log-likelihood {self.log_likelihood:.2f}"]
@@ -55,6 +57,8 @@ class Standing:
         text = f"error of the estimates {self.error:.2g} standard errors"
         if self.value_error is not None:
             text += f", of the log-likelihood {self.value_error:.2g}"
+        if self.most is not None:
+            text += f", most of it at {self.most}"
         return f"{text}; expected: {self.forecast}" if self.forecast else text
 
     @property

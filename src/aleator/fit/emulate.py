@@ -314,9 +314,26 @@ class Emulation:
         alpha = dict(zip(names, end.alpha.tolist(), strict=True))
         admitted = admitted_change(len(self.question.ids), self.settings)
         off = error.log_likelihood if error.log_likelihood > admitted else None
-        standing = Standing(runs, end.value, alpha, error.alpha, tuple(ahead), off)
+        most = self._most if error.alpha > EXPECTED_RUNS.goals[0] else None
+        standing = Standing(runs, end.value, alpha, error.alpha, tuple(ahead), off, most)
         runner.outlook = standing.outlook
         self.ledger.progress.reached(standing)
+
+    @property
+    def _most(self) -> str | None:
+        """The conditions that cause more than half of the error; None if none do, or are alone."""
+        shares, columns = self.error.shares, self.question.runner.cases.columns
+        case = int(np.argmax(shares))
+        if len(shares) < 2 or not shares[case] > 0.5 * shares.sum():
+            return None
+        at = {name: column[case] for name, column in columns.items() if np.ndim(column[case]) == 0}
+        return (
+            ", ".join(
+                f"{name} {value:.4g}" if isinstance(value, (int, float)) else f"{name} {value}"
+                for name, value in at.items()
+            )
+            or None
+        )
 
     def _made_runs(self, x: Array, near: Indices) -> bool:
         """Make a round of runs; False if the budget allows none.
