@@ -69,6 +69,7 @@ from aleator.inference.emulator_error import (
     near_outcomes,
 )
 from aleator.inference.information import INTERVALS, Inference, infer
+from aleator.inference.profile import Profile
 from aleator.likelihood.individual import (
     GaussHermite,
     ImportancePoints,
@@ -146,16 +147,14 @@ class Emulation:
                 break
         return self._finished(found, end)
 
-    def spread(
-        self, end: Maximum, found: SearchResult, inference: Inference, intervals: Array
-    ) -> Highest | None:
-        """The maximum on surfaces that reach to the laws at the ends of the intervals (K, 2).
+    def spread(self, end: Maximum, found: SearchResult, profile: Profile) -> Highest | None:
+        """The maximum on surfaces that reach to the laws at the ends of the profile intervals.
 
         Rounds of runs follow where the processes are not exact enough there. None where the
         surfaces reach so far already.
         """
         likelihood, inputs = end.likelihood, end.likelihood.inputs
-        ends = interval_alphas(end.alpha, inference, intervals, likelihood.hyperparameters)
+        ends = interval_alphas(profile)
         wanted = region_of(inputs, [end.alpha], likelihood.count, REGIONS.far)
         if ends:
             wanted = hull(wanted, region_of(inputs, ends, likelihood.count, REGIONS.plausible))

@@ -51,6 +51,7 @@ from aleator.fit.regions import (
 )
 from aleator.fit.search import searched
 from aleator.inference.information import Inference, infer
+from aleator.inference.profile import Profile
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Forward, forward, surface_progress
@@ -178,19 +179,17 @@ def refined(question: Question, ledger: Ledger) -> Refined:
     return Refinement(question, ledger).answer(region, way.reason)
 
 
-def spread(
-    answer: Refined, inference: Inference, intervals: Array, ledger: Ledger
-) -> Refined | None:
-    """The maximum on surfaces that are also accurate at the ends of the intervals (K, 2).
+def spread(answer: Refined, profile: Profile, ledger: Ledger) -> Refined | None:
+    """The maximum on surfaces that are also accurate at the ends of the profile intervals.
 
     None where the present surfaces are accurate enough there, or where there are none.
     """
     if answer.emulation is not None:
-        top = answer.emulation.spread(answer.maximum, answer.search_result, inference, intervals)
+        top = answer.emulation.spread(answer.maximum, answer.search_result, profile)
         return None if top is None else Refined.emulated(answer.emulation, top)
     if answer.surfaces is None:
         return None
-    return Refinement(answer.question, ledger).spread(answer, inference, intervals)
+    return Refinement(answer.question, ledger).spread(answer, profile)
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
@@ -249,15 +248,14 @@ class Refinement:
         best, *lower = sorted(ends, key=lambda end: -end.maximum.value)
         return replace(best, others=tuple(end.maximum for end in lower))
 
-    def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
-        """The maximum on surfaces that are also accurate at the ends of the intervals (K, 2).
+    def spread(self, answer: Refined, profile: Profile) -> Refined | None:
+        """The maximum on surfaces that are also accurate at the ends of the profile intervals.
 
         None where the present surfaces are accurate enough there.
         """
         surfaces, likelihood, alpha = answer.surfaces, answer.likelihood, answer.alpha
         assert surfaces is not None
-        inputs, hyperparameters = likelihood.inputs, likelihood.hyperparameters
-        ends = interval_alphas(alpha, inference, intervals, hyperparameters)
+        inputs, ends = likelihood.inputs, interval_alphas(profile)
         if not ends:
             return None
         wanted = region_of(inputs, ends, likelihood.count, REGIONS.plausible)

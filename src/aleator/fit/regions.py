@@ -16,6 +16,7 @@ from scipy.stats import qmc
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.inference.information import Inference
+from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
@@ -184,27 +185,13 @@ def roots_of(
     return width[:, None] * vectors / size, vectors * size / width[:, None]
 
 
-def interval_alphas(
-    alpha: Array,
-    inference: Inference,
-    intervals: Array,
-    hyperparameters: tuple[Hyperparameter, ...],
-) -> list[Array]:
-    """alpha (K,) at both ends of the interval (K, 2) of each free hyperparameter.
+def interval_alphas(profile: Profile) -> list[Array]:
+    """alpha (K,) at both ends of each interval that was found.
 
-    The other hyperparameters are moved along with it by their covariance.
+    The others have the values that are most likely there, also where an end is at a limit.
     """
-    lower, upper = limits_of(hyperparameters)
-    out = []
-    for place, k in enumerate(inference.free.tolist()):
-        column = inference.covariance[:, place]
-        if not (inference.positive and column[place] > 0.0):
-            continue
-        for end in intervals[k][np.isfinite(intervals[k])]:
-            moved = alpha.copy()
-            moved[inference.free] += column / column[place] * (end - alpha[k])
-            out.append(np.clip(moved, lower, upper))
-    return out
+    points = profile.points.reshape(-1, profile.points.shape[-1])
+    return [*points[np.isfinite(points).all(axis=1)]]
 
 
 def reaching_out(region: Array, box: Array, other: Array) -> Flags:

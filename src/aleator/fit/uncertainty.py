@@ -144,7 +144,7 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
             answer = replace(answer, maximum=end, search_result=found)
         if widened == UNCERTAINTY.wider:
             break
-        wider = spread(answer, inference, profile.intervals, ledger)
+        wider = spread(answer, profile, ledger)
         if wider is None:
             break
         answer = wider
