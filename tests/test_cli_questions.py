@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from studies import done, estimate, read, refused, shown_again
 
+from aleator.cli import running
 from aleator.study import load_study
 from aleator.views.figures import check_figure
 
@@ -403,6 +404,30 @@ def test_two_models_are_compared() -> None:
     assert "alike does worse by more than chance explains" in " ".join(shown.output.split())
     assert max(map(len, shown.output.splitlines()[:-2])) <= 80
     assert Path("out/compare.png").stat().st_size > 5000
+
+
+@pytest.mark.usefixtures("compared", "unreported", "unjudged_commands")
+def test_stored_answers_are_compared_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The print is that of new identifications, for which one study changes, one loses its file."""
+    for name in ("alike", "differing"):
+        on_surfaces = Path(f"{name}.toml").read_text().replace("= true", "= false")
+        Path(f"{name}.toml").write_text(on_surfaces)
+        done("identify", f"{name}.toml", "--no-figures", "--quiet")
+    made, whole = [], running.identify
+    monkeypatch.setattr(
+        running, "identify", lambda *given, **by: made.append(given) or whole(*given, **by)
+    )
+    asked = ("compare", "alike.toml", "differing.toml", "--no-ceiling", "--no-figures")
+    stored = done(*asked)
+    assert not made
+    assert "the law is that of out/differing/identification.json" in stored.stderr
+    with Path("alike.toml").open("a") as study:
+        study.write("# changed\n")
+    Path("out/differing/identification.json").unlink()
+    new = done(*asked)
+    assert len(made) == 2
+    assert "alike.toml is identified again" in new.stderr
+    assert new.stdout == stored.stdout
 
 
 @pytest.mark.parametrize(

@@ -185,25 +185,28 @@ def compare(
 ) -> None:
     """Tell which of several models is to be believed.
 
-    Each study is identified, with the runs in its store if there are any. A study has the name of
-    its file, or of its folder if the file is study.toml. Prints the log-likelihood, AIC, AICc and
-    BIC, the predictive log-likelihood of experiments left out with the standard error of the
-    differences, and likelihood ratios of nested models; writes DIR/compare.json and
-    DIR/compare.png. Models of different data, or of different transforms of the outcome, are
-    refused.
+    A study has the name of its file, or of its folder if the file is study.toml. Takes the answer
+    that `aleator identify` stored in out/ and this name; a study without one is identified first
+    (runs that are kept are not made again). Prints the log-likelihood, AIC, AICc and BIC, the
+    predictive log-likelihood of experiments left out with the standard error of the differences,
+    and likelihood ratios of nested models; writes DIR/compare.json and DIR/compare.png. Models of
+    different data, or of different transforms of the outcome, are refused.
     """
     folder = output or (Path("out") / "compare").absolute()
-    values = _named(studies, seed, not no_verify)
+    works = _named(studies, seed, options, not no_verify)
     make_place(folder / "compare.json", studies[0].absolute())
     with ExitStack() as stack:
-        runners = {name: stack.enter_context(running(v, options)) for name, v in values.items()}
+        runners = [stack.enter_context(running(work.study, options)) for work in works.values()]
         progress = stack.enter_context(options.shown(folder, "Comparison of models"))
-        found = {name: identified(v, runners[name], progress) for name, v in values.items()}
+        found = {
+            name: work.answered(None, runner, progress)
+            for (name, work), runner in zip(works.items(), runners, strict=True)
+        }
         result = compare_models(
             nested=nested, bootstrap=bootstrap, ceilings=not no_ceiling, seed=seed or 0,
             progress=progress, **found,
         )  # fmt: skip
-    titles = {name: value.title for name, value in values.items()}
+    titles = {name: work.study.title for name, work in works.items()}
     document = documents.plain({"titles": titles, "seed": seed or 0, **result.to_dict()})
     documents.write_json(document, folder / "compare.json")
     files = [folder / "compare.json"]
@@ -214,19 +217,25 @@ def compare(
     show_answer(models.comparison(document), [*map(short, files)], options.quiet)
 
 
-def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
-    """The studies by name; raises AleatorError for fewer than two studies, and for equal names."""
+def _named(
+    studies: tuple[Path, ...], seed: int | None, options: RunOptions, verified: bool
+) -> dict[str, Work]:
+    """The work on each study by its name, in the folder where `aleator identify` writes.
+
+    Raises AleatorError for fewer than two studies, and for equal names.
+    """
     if len(studies) < 2:
         raise AleatorError(f"compare: {len(studies)} study", "name two or more")
-    found: dict[str, Study] = {}
+    found: dict[str, Work] = {}
     for path in studies:
         name = name_of(path)
         if name in found:
             raise AleatorError(
                 f"{path}: another study is called '{name}' too", "rename one of the files"
             )
-        found[name] = load_study(path).overridden(seed, verified=verified)
-        require_plain(name, restricted=found[name].restricted)
+        study = load_study(path).overridden(seed, verified=verified)
+        found[name] = Work("compare", study, path.absolute(), folder_of(None, path), options)
+        require_plain(name, restricted=study.restricted)
     return found
 
 

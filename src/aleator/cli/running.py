@@ -492,11 +492,21 @@ class Work:
         not serve, which a note says. `further` are arguments of `aleator.identify`. Raises
         AleatorError if the named file does not serve.
         """
+        found = self._stored(answer, runner, progress)
+        if found is not None:
+            return found
+        progress.stage(f"{name_of(self.file)}: identification")
+        return identified(self.study, runner, progress, **further)
+
+    def _stored(
+        self, answer: Path | None, runner: Runner, progress: Progress
+    ) -> Identification | None:
+        """The stored answer of the study with its fit; None where none serves."""
         folders = [self.folder, folder_of(None, self.file)]
         usual = [folder / IDENTIFICATION for folder in folders if folder is not None]
         there = [one for one in usual if one.is_file()] if answer is None else [answer_file(answer)]
         if not there:
-            return identified(self.study, runner, progress, **further)
+            return None
         try:
             document = read_answer(there[0])
             if self.study.sha256 != documents.study_entry(document).get("sha256"):
@@ -509,8 +519,8 @@ class Work:
         except AleatorError as error:
             if answer is not None:
                 raise
-            self.options.say(f"note: the study is identified again: {error.problem}")
-            return identified(self.study, runner, progress, **further)
+            self.options.say(f"note: {short(self.file)} is identified again: {error.problem}")
+            return None
         self.options.say(f"note: the law is that of {short(there[0])}")
         return found
 
