@@ -49,6 +49,26 @@ def test_expected_information_is_that_of_the_closed_form() -> None:
     )
 
 
+def test_right_scores_are_checked_once_and_stay_and_measured_experiments_are_not_checked() -> None:
+    """A linear model has one narrow hill, which its nodes integrate exactly."""
+
+    class Counted(Silent):
+        outcomes = 0
+
+        def update(self, *_: object) -> None:
+            self.outcomes += 1
+
+    found, scores, counted = found_with(), [], [Counted(), Counted()]
+    fit, settings = found.fit, ScoreSettings()
+    for measured, progress in zip([True, False], counted, strict=True):
+        rng = np.random.default_rng(0)
+        scores.append(expected_scores(fit, rng, progress, measured=measured).scores)
+    free = fit.inference.identified.size
+    checked = settings.largest * free + settings.spread
+    assert [one.outcomes for one in counted] == [settings.nodes, settings.nodes + checked]
+    assert np.array_equal(*scores)
+
+
 def test_scores_beyond_a_kink_that_no_measured_value_has_are_those_of_the_closed_form() -> None:
     """A gap x - t is normal with mean m and variance v, and closes beyond the tested times t.
 

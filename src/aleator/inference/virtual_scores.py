@@ -1,7 +1,7 @@
 """The expected information of an experiment: the mean square of its scores at virtual outcomes.
 
 An outcome beyond the tested conditions may have a kink that no measured one has, where the nodes of
-the identification do not serve. Scores at virtual outcomes are therefore checked with panels.
+the identification do not serve. Scores of candidates are therefore checked with panels.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
-from aleator.likelihood.individual import ImportancePoints
 from aleator.observations.responses import ends_of
 from aleator.observations.responses import limits_of_test as limits_of_tests
 
@@ -30,7 +29,7 @@ class ScoreSettings:
     """Number of equally spaced outcomes of one experiment over which its information is summed."""
     draws: int = 400
     """Number of virtual data sets, used where an experiment has several observations."""
-    largest: int = 2
+    largest: int = 1
     """Number of virtual outcomes of each experiment at which scores are checked for each
     hyperparameter: those that contribute most to the information on it.
     """
@@ -38,13 +37,10 @@ class ScoreSettings:
     """Number of further ones that are checked, evenly spread over all. A fault of one score in five
     is found with a probability of 0.83.
     """
-    points: int = 600
-    """Number of importance points by which scores are checked first. Where they differ, panels
-    decide, which took seven times as long with two scattering parameters (a closing gap).
-    """
     differs: float = 0.1
-    """Difference from a score by panels, relative to the root mean square of the scores, from which
-    a score counts as wrong. If all were off by so much, a standard error would change by a tenth.
+    """Difference from a score by panels, relative to it or to the root mean square of the scores if
+    that is larger, from which a score counts as wrong. If all were off by so much, a standard error
+    would change by a tenth.
     """
     least: float = 1e-3
     """Share of the present information that an experiment's information is taken for at least in
@@ -91,7 +87,12 @@ class Scores:
 
 
 def expected_scores(
-    fit: Fit, rng: np.random.Generator, progress: Progress, settings: ScoreSettings = SCORES
+    fit: Fit,
+    rng: np.random.Generator,
+    progress: Progress,
+    settings: ScoreSettings = SCORES,
+    *,
+    measured: bool = False,
 ) -> Scores:
     """Scores of experiments at virtual outcomes under the experiments' own law.
 
@@ -99,8 +100,10 @@ def expected_scores(
     density f: I = int s s' f dy. It is exact but for the distance of the nodes; values beyond a
     limit of the test count together. With several observations, or where experiments share
     parameters and count together, virtual data sets are drawn and censored as the measured ones
-    are. Cost: some 97 evaluations of the likelihood of the experiments, or 400 for drawn data sets,
-    and with one or two scattering parameters some twenty to check them, or more where these differ.
+    are. With one or two scattering parameters some of the scores are checked with panels, but not
+    those of `measured` experiments, whose nodes were chosen under these very conditions. Cost: some
+    97 evaluations of the likelihood of the experiments, or 400 for drawn data sets, and some ten by
+    panels, or more where scores are wrong.
     """
     seen = fit.table.observations
     limits, alone = limits_of_tests(seen), np.array_equal(seen.experiment, np.arange(fit.count))
@@ -108,7 +111,9 @@ def expected_scores(
         virtual = _drawn(fit, rng, settings)
     else:
         virtual = _spaced(fit, *ends_of(seen, limits), settings)
-    found = _checked(fit, virtual, virtual.scored(fit, progress), progress, settings)
+    found = virtual.scored(fit, progress)
+    if not measured:
+        found = _checked(fit, virtual, found, progress, settings)
     weights = virtual.weights(found.each)
     known = np.where(weights[..., None] > 0.0, found.scores, 0.0 * weights[..., None])
     return Scores(known, weights, virtual.outcomes)
@@ -181,17 +186,10 @@ def _checked(
     panels = fit.likelihood.panels if isinstance(fit.likelihood, IndividualsAt) else None
     if panels is None:
         return found
-    check, points = _ScoreCheck(fit, virtual, progress, settings), ImportancePoints(settings.points)
+    check, every = _ScoreCheck(fit, virtual, progress, settings), np.arange(fit.count)
     known, going = np.zeros(found.each.shape, dtype=np.bool_), np.ones(fit.count, dtype=np.bool_)
-    every = np.arange(fit.count)
     while np.any(going) and not np.all(known):
         which = check.chosen(found, known)
-        wrong = check.compared(found, which, fit.ruled(points, going))[0] & going
-        going = np.any(wrong, axis=0)
-        if not np.any(going):
-            break
-        first = np.argsort(~wrong, axis=0, kind="stable")[: wrong.sum(axis=0).max()]
-        which = np.take_along_axis(which, first, axis=0)
         wrong, right = check.compared(found, which, fit.ruled(panels, going))
         wrong &= going
         each, scores = found.each.copy(), found.scores.copy()
@@ -236,9 +234,10 @@ class _ScoreCheck:
         share = np.sqrt(self.virtual.weights(found.each))[which, every]
         if self.virtual.step is not None:
             share = share * np.exp(0.5 * (again.each - found.each[which, every]))
-        change = share[..., None] * again.scores[..., self._free] - part[which, every]
-        most = settings.differs * np.sqrt(counted / len(part)) + np.finfo(float).tiny
-        return np.any(np.abs(change) > most, axis=2), again
+        right = share[..., None] * again.scores[..., self._free]
+        size = np.maximum(np.abs(right), np.sqrt(counted / len(part)) + np.finfo(float).tiny)
+        wrong = np.abs(right - part[which, every]) > settings.differs * size
+        return np.any(wrong, axis=2), again
 
     def _parts(self, found: _Scored) -> Array:
         """The scores (R, C, F) by the free hyperparameters, times the roots of their weights."""

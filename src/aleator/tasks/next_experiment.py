@@ -434,7 +434,8 @@ def planned(
     every = possible_laws(aim.alpha, fit.inference, fit.hyperparameters, laws)
     rng = np.random.default_rng(seed)
     scores = [_scores(offered.at(one), aim, rng, progress) for one in every]
-    again = _scores(fit.at(aim.alpha), aim, rng, progress).information.sum(axis=0)
+    measured = _scores(fit.at(aim.alpha), aim, rng, progress, measured=True)
+    again = measured.information.sum(axis=0)
     present = again if aim.moved or not fit.inference.positive else aim.observed(fit)
     event = None
     if isinstance(predicted, EventAimedAt):
@@ -514,9 +515,11 @@ def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:
         )
 
 
-def _scores(fit: Fit, aim: Aim, rng: np.random.Generator, progress: Progress) -> Scores:
+def _scores(
+    fit: Fit, aim: Aim, rng: np.random.Generator, progress: Progress, *, measured: bool = False
+) -> Scores:
     progress.stage("expected information")
-    return expected_scores(fit, rng, progress).of(aim.moving)
+    return expected_scores(fit, rng, progress, measured=measured).of(aim.moving)
 
 
 def _of_prediction(
