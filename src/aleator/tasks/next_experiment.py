@@ -30,6 +30,7 @@ from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import documents, printed
 from aleator.results.values import Estimate
+from aleator.search.newton import ascend, positive
 from aleator.simulators import Runner
 from aleator.tasks.arguments import require_kind
 from aleator.tasks.identification import Identification
@@ -186,12 +187,18 @@ def _inside(
 ) -> tuple[Array, Indices, dict[str, float]]:
     """alpha (K,) with the hyperparameters `which` moved off their limits, and these values by name.
 
-    Between them are the indices (F,) of the uncertain hyperparameters, `which` among them.
+    The others have the values that are most likely beside these. Between them are the indices (F,)
+    of the uncertain hyperparameters, `which` among them.
     """
-    alpha = fit.alpha.copy()
+    alpha, inference = fit.alpha.copy(), fit.inference
     alpha[which] = [_elsewhere(estimates, fit, k) for k in which]
+    others = np.setdiff1d(inference.free, which)
+    if which.size and others.size:
+        place = np.searchsorted(inference.identified, others)
+        information = positive(inference.information[np.ix_(place, place)])
+        alpha = ascend(fit.objective(), alpha, fit.hyperparameters, others, information)[0]
     moved = {fit.hyperparameters[k].name: float(alpha[k]) for k in which}
-    return alpha, np.union1d(fit.inference.free, which), moved
+    return alpha, np.union1d(inference.free, which), moved
 
 
 def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:

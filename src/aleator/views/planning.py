@@ -425,8 +425,9 @@ def _probability(document: Document) -> str:
     if found is None:
         return ""
     now, after = (f"{number(low, 2)} to {number(high, 2)}" for low, high in found.values())
+    at = "under the law of this plan" if document["planned_for"] else "at the estimate"
     return (
-        f" The probability is {number(document['probability'][0], 3)} at the estimate (aleator "
+        f" The probability is {number(document['probability'][0], 3)} {at} (aleator "
         "predict has the mean over the plausible laws, too). Its 95 % range, by the reliability "
         f"index, is {now} now and {after} after the set."
     )
@@ -446,7 +447,8 @@ def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, st
     ]  # fmt: skip
     notes += [
         (f"{name} ended on its limit", "where no experiment tells anything of it. The plan and its "
-         f"errors are those at {number(value)}, one standard deviation off the limit.")
+         f"errors are those at {number(value)}, one standard deviation off the limit, with the "
+         "others as likely as can be beside it.")
         for name, value in document["planned_for"].items()
     ]  # fmt: skip
     if not document["sound"]:
