@@ -141,13 +141,13 @@ class _Virtual:
     step: Array | None = None
     outcomes: Array | None = None
 
-    def scored(self, fit: Fit, progress: Progress) -> _Scored:
+    def scored(self, fit: Fit, progress: Progress, what: str = "virtual outcome") -> _Scored:
         """The log-densities and scores of the fit's experiments at these outcomes."""
         count = int(fit.cluster.max()) + 1
         each = np.empty((len(self.lower), count))
         scores = np.empty((*each.shape, fit.alpha.size))
         for r, (lower, upper) in enumerate(zip(self.lower, self.upper, strict=True)):
-            progress.update(f"virtual outcome {r + 1} of {len(each)}", r, len(each))
+            progress.update(f"{what} {r + 1} of {len(each)}", r, len(each))
             own = replace(fit.table.observations, lower=lower, upper=upper)
             there = fit.seeing(fit.table.with_observations(own))
             found = there.scored()
@@ -227,7 +227,7 @@ class _ScoreCheck:
         """
         every, settings = np.arange(self.fit.count), self.settings
         own = self.virtual.of_each(which, self.fit.table.observations.experiment)
-        again = own.scored(other, self.progress)
+        again = own.scored(other, self.progress, "check of virtual outcome")
         part = self._parts(found)
         present = np.maximum(np.diag(self.fit.inference.information), 0.0)
         counted = np.maximum(np.sum(part**2, axis=0), settings.least * present)
