@@ -467,6 +467,11 @@ def _add(
         found.setdefault(name, []).append(_Row(id, at, *known))
 
 
+def _is_number(value: object) -> bool:
+    """Whether a value is written as a number; a yes or no is not."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def named_values(document: Document, values: Document) -> list[str]:
     """Values of conditions in words, each with its name and unit.
 
@@ -474,7 +479,7 @@ def named_values(document: Document, values: Document) -> list[str]:
     ['load 2', 'wet True', 'oil a']
     """
     return [
-        f"{name} {v if isinstance(v, bool | str) else number(v)}{_unit(document, name)}"
+        f"{name} {number(v) if _is_number(v) else v}{_unit(document, name)}"
         for name, v in values.items()
         if v is not None
     ]
