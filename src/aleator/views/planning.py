@@ -25,6 +25,7 @@ from aleator.results.printed import (
     TextTable,
     Thresholds,
     heads,
+    listed,
     number,
     percent,
 )
@@ -401,7 +402,9 @@ def _gain(document: Document) -> str:
             "information grows with their number)."
         )
     )
-    return f"{begin} {again}{half}"
+    assumed = [f"{name} = {number(value)}" for name, value in document["planned_for"].items()]
+    law = f" This assumes {listed(assumed)}, off the limit." if assumed else ""
+    return f"{begin} {again}{half}{law}"
 
 
 def _about(document: Document) -> str:
