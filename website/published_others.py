@@ -459,6 +459,7 @@ OTHERS = (
             Published("b", "8.322", estimate("b.value")),
             Published("sd", "0.604", estimate("own.sd")),
         ),
+        slow=True,
     ),
     Example(
         "BCG vaccine, 13 trials", "van Houwelingen et al. 2002; R package metafor",

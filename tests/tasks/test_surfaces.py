@@ -37,7 +37,9 @@ def lines(noise: float) -> pd.DataFrame:
     return pd.DataFrame({"c": c, "y": a + b * c + noise * rng.standard_normal(N)})
 
 
-@pytest.mark.parametrize(("noise", "bent"), [(0.2, False), (0.0, True)])
+@pytest.mark.parametrize(
+    ("noise", "bent"), [(0.2, False), pytest.param(0.0, True, marks=pytest.mark.long)]
+)
 def test_a_linear_outcome_takes_four_runs_an_experiment(noise: float, bent: bool) -> None:
     """So does one whose logarithm is linear, over eleven decades."""
     rows = lines(noise)
