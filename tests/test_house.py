@@ -157,6 +157,18 @@ def test_an_identification_needs_no_library_that_only_reads_files_or_draws() -> 
     assert found & {"pydantic", "rich", "matplotlib", "bokeh"} == set()
 
 
+def test_all_commands_can_be_imported_without_the_packages_that_draw() -> None:
+    code = """
+import importlib, pkgutil, sys
+sys.modules |= dict.fromkeys(["bokeh", "contourpy", "matplotlib"])
+import aleator.cli
+for module in pkgutil.iter_modules(aleator.cli.__path__):
+    importlib.import_module(f"aleator.cli.{module.name}")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+
+
 def test_what_editors_and_type_checkers_see_is_what_there_is() -> None:
     tree = ast.parse(Path(aleator.__file__).read_text(encoding="utf-8"))
     seen = {

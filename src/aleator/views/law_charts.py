@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import contourpy
 import numpy as np
 from scipy import stats
 from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
@@ -421,9 +420,11 @@ def _measured(entry: Document) -> float | None:
 
 def _level(x: Array, y: Array, entry: Document) -> dict[str, list[list[float]]]:
     """The curves of a color map on which the response is the measured value."""
+    from contourpy import contour_generator  # comes with the packages that draw charts
+
     value = _measured(entry)
     plane = np.ma.masked_invalid(np.array([numbers(row) for row in entry["map"]]).T)
-    lines: Any = () if value is None else contourpy.contour_generator(x, y, plane).lines(value)
+    lines: Any = () if value is None else contour_generator(x, y, plane).lines(value)
     return {
         "x": [line[:, 0].tolist() for line in lines],
         "y": [line[:, 1].tolist() for line in lines],
