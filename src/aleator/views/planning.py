@@ -454,6 +454,17 @@ def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, st
          "others as likely as can be beside it.")
         for name, value in document["planned_for"].items()
     ]  # fmt: skip
+    # No quantity between zero and one has a larger standard deviation than a half.
+    one = document.get("probability") is not None and not document["relative"]
+    if one and document["now"] is not None and document["now"] > 0.5:
+        notes.append(
+            (
+                "The standard error of the probability is larger than any can be",
+                "the experiments leave a combination of the hyperparameters open, and the normal "
+                "approximation of this plan does not serve. Fix one of them, or give it limits "
+                "that are known.",
+            )
+        )
     if not document["sound"]:
         notes.append(("The identification is not sound", "mend that first, the plan rests on it."))
     if document.get("settled") is False:
